@@ -1,0 +1,16 @@
+"""One place that decides how numerical kernels are compiled."""
+
+from collections.abc import Callable
+from typing import TypeVar, cast
+
+import numba
+
+Kernel = TypeVar("Kernel", bound=Callable[..., object])
+
+
+def compiled(function: Kernel) -> Kernel:
+    """Compile a kernel with numba: cached on disk, the interpreter lock released.
+
+    ``fastmath`` stays off so that a result is the same to the bit on every run.
+    """
+    return cast(Kernel, numba.njit(cache=True, nogil=True)(function))
