@@ -1,0 +1,1 @@
+"""Block-structured nonlinear system identification."""
