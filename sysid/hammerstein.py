@@ -1,31 +1,16 @@
 """Hammerstein systems with a hard input nonlinearity of known structure: Bai's search method."""
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid._compile import compiled
 from sysid.errors import DataError
-from sysid.nonlinearities.pieces import AffinePieces
+from sysid.nonlinearities import OneParameterMap, TwoSidedMap
 from sysid.separable import LaggedRegression, SeparableFit, project, search_pieces, search_two_pieces
 
 Floats = NDArray[np.float64]
-
-
-class OneParameterMap(Protocol):
-    """A map whose output is affine in its parameter between knots."""
-
-    def pieces(self, u: Floats, lower: float, upper: float) -> AffinePieces:
-        """Return the output for the input ``u`` as a function of the parameter."""
-
-
-class TwoSidedMap(Protocol):
-    """A map with one parameter for negative and one for positive inputs."""
-
-    def sided_pieces(self, u: Floats, lower: float, upper: float) -> tuple[AffinePieces, AffinePieces]:
-        """Return the two parts of the output, each a function of its parameter."""
 
 
 @compiled
