@@ -347,7 +347,7 @@ def _integral(
         bound = _QUADRATURE_TOLERANCE * max(1.0, abs(value))
         if not error <= bound:
             raise UsageError(
-                f"The expectation on [{start:.6g}, {stop:.6g}] has an error of {error:.1e}, above {bound:.1e}; "
+                f"The expectation on [{start:.6g}, {stop:.6g}] has error {error:.1e}, above {bound:.1e}; "
                 "list every jump and kink of the function in `breaks`."
             )
         total += value

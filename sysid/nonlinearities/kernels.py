@@ -239,6 +239,7 @@ def play_pieces(u: Floats, lower: float, upper: float, initial: float) -> PieceA
             ):
                 wiped = edge[top]
                 top -= 1
+            # Exactly, the new line always crosses what is left at or above `wiped`; rounding may differ.
             steepness = 1.0 + direction * rate[top]
             meeting = direction * (u[k] - start[top]) / steepness if steepness > 0.0 else wiped
             top += 1
