@@ -49,6 +49,8 @@ def least_squares_bound(jacobian: Iterable[ArrayLike], noise_variance: float, n_
         factor = factor or BlockedQR(rows.shape[1])
         factor.update(rows)
     if factor is None or np.any(np.abs(np.diag(factor.r)) < 1e-10 * np.max(np.abs(factor.r))):
-        raise IdentifiabilityError("the rows do not determine every parameter: use an input that excites them all")
+        raise IdentifiabilityError(
+            "the rows do not determine every parameter: use an input that excites them all"
+        )
     inverse = solve_triangular(factor.r, np.eye(factor.n_columns))
     return np.asarray(noise_variance * factor.n_rows / n_samples * inverse @ inverse.T)

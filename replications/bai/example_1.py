@@ -109,7 +109,8 @@ def asymptotic_std(case: str, n_samples: int) -> dict[str, float]:
             if case not in setting.RELAYS:
                 slope = nonlinearity.slope(u, setting.THRESHOLD)
                 moved = sum(
-                    b * slope[regression.times - lag] for b, lag in zip(setting.BETA, regression.lags, strict=True)
+                    b * slope[regression.times - lag]
+                    for b, lag in zip(setting.BETA, regression.lags, strict=True)
                 )
                 rows = np.column_stack([moved, rows])
             found.append(rows)

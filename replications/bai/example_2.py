@@ -70,7 +70,9 @@ class Example2:
                     parameters, regular = correlation_estimate(linear, column)
                     values |= {f"{name}/{key}": value for key, value in parameters.items()}
                     values[f"{name}/regular"] = float(regular)
-        values |= {f"separable/{key}": value for key, value in separable_estimate(experiments["independent"]).items()}
+        values |= {
+            f"separable/{key}": value for key, value in separable_estimate(experiments["independent"]).items()
+        }
         return values
 
 
@@ -79,7 +81,9 @@ def _response(u: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return u, equation_error_response(x, setting.ALPHA, setting.BETA, noise)
 
 
-def correlation_estimate(linear: list[CorrelationEstimate], column: int | None) -> tuple[dict[str, float], bool]:
+def correlation_estimate(
+    linear: list[CorrelationEstimate], column: int | None
+) -> tuple[dict[str, float], bool]:
     """Steps 3 to 5 of the algorithm: a from the ratio of moments (3.14), then beta (3.19)."""
     b1, b2 = setting.EXAMPLE_2_INPUTS
     solution = moment_ratios.saturation(moment_ratio(*linear, column), b1, b2)
@@ -93,6 +97,11 @@ def separable_estimate(records: list[tuple[np.ndarray, np.ndarray]]) -> dict[str
     """Separable least squares on both experiments together."""
     u, y = (np.concatenate(signals) for signals in zip(*records, strict=True))
     fitted = search_method(
-        u, y, one_parameter_map("saturation"), setting.ORDER, upper=setting.SEARCH_UPPER, starts=[0, records[0][0].size]
+        u,
+        y,
+        one_parameter_map("saturation"),
+        setting.ORDER,
+        upper=setting.SEARCH_UPPER,
+        starts=[0, records[0][0].size],
     )
     return dict(zip(setting.PARAMETERS, [*fitted.eta, *fitted.theta], strict=True))
