@@ -91,7 +91,7 @@ def _cost(regression: LaggedRegression, x: np.ndarray) -> float:
 
 
 def asymptotic_std(case: str, n_samples: int) -> dict[str, float]:
-    """Standard deviations at the asymptotic least-squares bound.
+    """Return the standard deviations at the asymptotic least-squares bound.
 
     For the relays a has no bound (the estimate converges faster than 1/sqrt(N)) and theta is bounded
     as if a were known.

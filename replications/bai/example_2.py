@@ -28,7 +28,9 @@ INPUTS = ("independent", "shared")
 """The second input is drawn anew, or is the first one scaled."""
 
 PRINTED = (1.005, -0.8390, -0.1555, 1.09, 1.08)
-"""Eq. (3.20)."""
+"""Eq. (3.20): a, alpha1, alpha2, beta1, beta2."""
+
+PRINTED_DECIMALS = (3, 4, 4, 2, 2)
 
 
 def variants() -> tuple[str, ...]:
@@ -84,7 +86,7 @@ def _response(u: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def correlation_estimate(
     linear: list[CorrelationEstimate], column: int | None
 ) -> tuple[dict[str, float], bool]:
-    """Steps 3 to 5 of the algorithm: a from the ratio of moments (3.14), then beta (3.19)."""
+    """Carry out steps 3 to 5 of the algorithm: a from the ratio of moments (3.14), then beta (3.19)."""
     b1, b2 = setting.EXAMPLE_2_INPUTS
     solution = moment_ratios.saturation(moment_ratio(*linear, column), b1, b2)
     a = float(solution.parameters[0])
