@@ -13,8 +13,9 @@ from types import TracebackType
 
 from sysid._backends import DaskPool, compute_here, compute_on_joblib
 from sysid._checkpoints import CaseFiles, Identity
-from sysid._runs import Chunk, Span, Task, compute, evaluate, one_blas_thread
+from sysid._runs import Chunk, Span, Task, compute, evaluate
 from sysid._study import Failure, Study
+from sysid._workers import one_blas_thread
 from sysid.errors import UsageError
 from sysid.progress import Progress
 
@@ -182,7 +183,7 @@ class Runner:
         missing = files.missing(n_runs)
         done = n_runs - sum(stop - start for start, stop in missing)
         bars = Progress() if self.progress is None else self.progress
-        with bars.task(case, n_runs, completed=done) as bar:
+        with one_blas_thread(), bars.task(case, n_runs, completed=done) as bar:
             for chunk in self._chunks(missing, case, task, seed):
                 files.save(chunk)
                 bar.advance(chunk.stop - chunk.start)
