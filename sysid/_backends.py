@@ -1,5 +1,6 @@
 """Where the work units of a Monte-Carlo study are computed: here, on joblib workers, on a Dask cluster."""
 
+import logging
 import os
 import weakref
 from collections.abc import Iterable, Iterator
@@ -44,19 +45,26 @@ def compute_on_joblib(
 
 
 class DaskPool:
-    """A connection to a Dask cluster, opened when first needed and kept for the next case."""
+    """A connection to a Dask cluster, kept from one case to the next."""
 
     def __init__(self) -> None:
         self._client: Any = None
         self._close: weakref.finalize[Any, DaskPool] | None = None
 
-    def compute(
-        self, scheduler: str | None, jobs: int, task: Task, case: str, seed: int, spans: Iterable[Span]
-    ) -> Iterator[Chunk]:
-        """Compute on the workers of `scheduler`; when it is None, on `jobs` local worker processes."""
+    def open(self, scheduler: str | None, jobs: int) -> None:
+        """Connect to `scheduler`; when it is None, start `jobs` local worker processes.
+
+        Raises
+        ------
+        UsageError
+            When Dask is not installed, nothing answers, or the workers have other versions.
+        """
         if self._client is None:
             self._client = _connect(scheduler, jobs)
             self._close = weakref.finalize(self, _disconnect, self._client)
+
+    def compute(self, task: Task, case: str, seed: int, spans: Iterable[Span]) -> Iterator[Chunk]:
+        """Compute on the workers; chunks come as they finish."""
         return _compute_on_dask(self._client, task, case, seed, iter(spans))
 
     def close(self) -> None:
@@ -103,13 +111,16 @@ def _result(future: Any, case: str) -> Chunk:
 
 def _connect(scheduler: str | None, jobs: int) -> Any:
     distributed = _distributed()
+    for name in ("distributed", "distributed.client"):
+        # What these say in tracebacks about a lost connection, the errors raised here say in a sentence.
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is None:
         cluster = distributed.LocalCluster(
             n_workers=jobs,
             threads_per_worker=1,
             host="127.0.0.1",
             dashboard_address="127.0.0.1:0",
-            silence_logs=50,
+            silence_logs=logging.CRITICAL,
         )
         return distributed.Client(cluster, set_as_default=False)
     try:
