@@ -1,15 +1,19 @@
 """Where the work units of a Monte-Carlo study are computed: here, on joblib workers, on a Dask cluster."""
 
+import logging
+import os
 import weakref
 from collections.abc import Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
+from functools import partial
 from importlib import import_module
 from itertools import islice
 from typing import Any
 
 from sysid._checkpoints import versions
-from sysid._runs import Chunk, Span, Task, compute, compute_quietly
+from sysid._runs import Chunk, Span, Task, compute
+from sysid._workers import compute_in_process, compute_pinned
 from sysid.errors import SysidError, UsageError
 
 CONNECT_SECONDS = 5.0
@@ -27,7 +31,7 @@ def compute_on_joblib(
     """Compute on worker processes ("loky") or threads ("threading"); chunks come as they finish."""
     import joblib
 
-    work = joblib.delayed(compute_quietly if backend == "loky" else compute)
+    work = joblib.delayed(partial(compute_in_process, os.getpid()) if backend == "loky" else compute)
     # batch_size=1: a work unit is long enough by itself, and each is to be kept as soon as it is finished.
     parallel = joblib.Parallel(jobs, backend=backend, batch_size=1, return_as="generator_unordered")
     with closing(parallel(work(task, case, seed, span) for span in spans)) as chunks:
@@ -41,19 +45,26 @@ def compute_on_joblib(
 
 
 class DaskPool:
-    """A connection to a Dask cluster, opened when first needed and kept for the next case."""
+    """A connection to a Dask cluster, kept from one case to the next."""
 
     def __init__(self) -> None:
         self._client: Any = None
         self._close: weakref.finalize[Any, DaskPool] | None = None
 
-    def compute(
-        self, scheduler: str | None, jobs: int, task: Task, case: str, seed: int, spans: Iterable[Span]
-    ) -> Iterator[Chunk]:
-        """Compute on the workers of `scheduler`; when it is None, on `jobs` local worker processes."""
+    def open(self, scheduler: str | None, jobs: int) -> None:
+        """Connect to `scheduler`; when it is None, start `jobs` local worker processes.
+
+        Raises
+        ------
+        UsageError
+            When Dask is not installed, nothing answers, or the workers have other versions.
+        """
         if self._client is None:
             self._client = _connect(scheduler, jobs)
             self._close = weakref.finalize(self, _disconnect, self._client)
+
+    def compute(self, task: Task, case: str, seed: int, spans: Iterable[Span]) -> Iterator[Chunk]:
+        """Compute on the workers; chunks come as they finish."""
         return _compute_on_dask(self._client, task, case, seed, iter(spans))
 
     def close(self) -> None:
@@ -66,7 +77,7 @@ class DaskPool:
 def _compute_on_dask(client: Any, task: Task, case: str, seed: int, spans: Iterator[Span]) -> Iterator[Chunk]:
     # Two units a thread: one in work, one at hand. The scheduler repeats what a lost worker had.
     in_flight = 2 * max(sum(client.nthreads().values()), 1)
-    submitted = (client.submit(compute, task, case, seed, span, pure=False) for span in spans)
+    submitted = (client.submit(compute_pinned, task, case, seed, span, pure=False) for span in spans)
     pending = set(islice(submitted, in_flight))
     finished = _distributed().as_completed(pending, loop=client.loop)
     try:
@@ -81,24 +92,35 @@ def _compute_on_dask(client: Any, task: Task, case: str, seed: int, spans: Itera
 
 
 def _result(future: Any, case: str) -> Chunk:
-    distributed = _distributed()
     try:
         chunk: Chunk = future.result()
-    except (distributed.CancelledError, distributed.KilledWorker, ImportError) as error:
+    except SysidError:
+        raise
+    except Exception as error:  # the cluster's: what the task raises is part of a chunk
+        cause = error.__cause__ or error
         remedy = (
             "install the task's module where the workers can import it"
-            if isinstance(error, ImportError)
+            if isinstance(cause, ImportError)
             else "the finished runs are kept: resume when the cluster is back"
         )
-        raise SysidError(f"the Dask cluster lost case {case!r} ({_brief(error)}); {remedy}") from error
+        raise SysidError(
+            f"the Dask cluster cannot compute case {case!r} ({_brief(cause)}); {remedy}"
+        ) from error
     return chunk
 
 
 def _connect(scheduler: str | None, jobs: int) -> Any:
     distributed = _distributed()
+    for name in ("distributed", "distributed.client"):
+        # What these say in tracebacks about a lost connection, the errors raised here say in a sentence.
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is None:
         cluster = distributed.LocalCluster(
-            n_workers=jobs, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, silence_logs=50
+            n_workers=jobs,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+            silence_logs=logging.CRITICAL,
         )
         return distributed.Client(cluster, set_as_default=False)
     try:

@@ -1,5 +1,6 @@
 """Files of one Monte-Carlo case: finished chunks, and the table of all runs made of them."""
 
+import contextlib
 import hashlib
 import inspect
 import json
@@ -193,7 +194,8 @@ class CaseFiles:
                 path.unlink()
                 del self._chunks[path]
         if not self._chunks:
-            self._folder.rmdir()
+            with contextlib.suppress(OSError):  # somebody's file in it
+                self._folder.rmdir()
 
     def _groups(self, sources: Sequence[tuple[int, int, Path]]) -> Iterator[Any]:
         """Rows of the sources in the order of the runs, in tables of `ROW_GROUP` rows."""

@@ -1,14 +1,9 @@
 """One run of a Monte-Carlo study, and a range of runs: what a worker computes."""
 
-import contextlib
 import math
-import os
-import signal
-import threading
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +55,7 @@ def evaluate(task: Task, case: str, seed: int, run: int) -> dict[str, float]:
     ArithmeticError
         When a value is infinite; NaN is allowed and means "not defined".
     """
-    # Inside workers nothing should be printed, and a caller's `np.errstate` must not change what fails.
+    # A caller's `np.errstate` must not decide which runs fail.
     with np.errstate(all="ignore"):
         values = {name: float(value) for name, value in task(generator(case, seed, run)).items()}
     for name, value in values.items():
@@ -70,7 +65,9 @@ def evaluate(task: Task, case: str, seed: int, run: int) -> dict[str, float]:
 
 
 def compute(task: Task, case: str, seed: int, span: Span) -> Chunk:
-    """Compute the runs of `span`; a run that raises is kept with its message.
+    """Compute the runs of `span`, on one BLAS thread if the caller saw to it.
+
+    A run that raises is kept with its message.
 
     Raises
     ------
@@ -81,33 +78,20 @@ def compute(task: Task, case: str, seed: int, span: Span) -> Chunk:
     names: tuple[str, ...] | None = None
     values: NDArray[np.float64] = np.empty((stop - start, 0))
     messages: list[str | None] = []
-    with one_blas_thread():
-        for row, run in enumerate(range(start, stop)):
-            try:
-                result = evaluate(task, case, seed, run)
-            except Exception as error:
-                messages.append(_one_line(error))
-                continue
-            messages.append(None)
-            if names is None:
-                names = tuple(result)
-                values = np.full((stop - start, len(names)), np.nan)
-            if result.keys() != set(names):
-                raise columns_differ(case, run, tuple(result), names)
-            values[row] = [result[name] for name in names]
+    for row, run in enumerate(range(start, stop)):
+        try:
+            result = evaluate(task, case, seed, run)
+        except Exception as error:
+            messages.append(_one_line(error))
+            continue
+        messages.append(None)
+        if names is None:
+            names = tuple(result)
+            values = np.full((stop - start, len(names)), np.nan)
+        if result.keys() != set(names):
+            raise columns_differ(case, run, tuple(result), names)
+        values[row] = [result[name] for name in names]
     return Chunk(start, names, values, tuple(messages))
-
-
-def compute_quietly(task: Task, case: str, seed: int, span: Span) -> Chunk:
-    """`compute` in a worker process: prints nothing and leaves Ctrl-C to the parent."""
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with (
-        open(os.devnull, "w") as sink,  # noqa: PTH123
-        contextlib.redirect_stdout(sink),
-        contextlib.redirect_stderr(sink),
-    ):
-        return compute(task, case, seed, span)
 
 
 def columns_differ(case: str, run: int, found: tuple[str, ...], expected: tuple[str, ...]) -> UsageError:
@@ -120,35 +104,3 @@ def columns_differ(case: str, run: int, found: tuple[str, ...], expected: tuple[
 
 def _one_line(error: Exception) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())[:500]
-
-
-class _BlasLimit:
-    """One BLAS thread while any thread of this process is inside `hold`.
-
-    The limit belongs to the process: the first to enter sets it and the last to leave restores it, so that
-    work units side by side do not take it from each other.
-    """
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._users = 0
-        self._limits: Any = None
-
-    @contextlib.contextmanager
-    def hold(self) -> Iterator[None]:
-        from threadpoolctl import threadpool_limits
-
-        with self._lock:
-            if self._users == 0:
-                self._limits = threadpool_limits(limits=1, user_api="blas")
-            self._users += 1
-        try:
-            yield
-        finally:
-            with self._lock:
-                self._users -= 1
-                if self._users == 0:
-                    self._limits.restore_original_limits()
-
-
-one_blas_thread = _BlasLimit().hold

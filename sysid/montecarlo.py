@@ -13,8 +13,9 @@ from types import TracebackType
 
 from sysid._backends import DaskPool, compute_here, compute_on_joblib
 from sysid._checkpoints import CaseFiles, Identity
-from sysid._runs import Chunk, Span, Task, compute, evaluate, one_blas_thread
+from sysid._runs import Chunk, Span, Task, compute, evaluate
 from sysid._study import Failure, Study
+from sysid._workers import one_blas_thread
 from sysid.errors import UsageError
 from sysid.progress import Progress
 
@@ -177,12 +178,14 @@ class Runner:
         """Compute and keep the missing runs, then put all into the table."""
         if self.resume:
             files.recover()
-        else:
-            files.clear()
         missing = files.missing(n_runs)
+        if missing and self.backend == "dask":
+            self._dask.open(self.scheduler, self.jobs)
+        if not self.resume:  # only now, when nothing more can be wrong with the options
+            files.clear()
         done = n_runs - sum(stop - start for start, stop in missing)
         bars = Progress() if self.progress is None else self.progress
-        with bars.task(case, n_runs, completed=done) as bar:
+        with one_blas_thread(), bars.task(case, n_runs, completed=done) as bar:
             for chunk in self._chunks(missing, case, task, seed):
                 files.save(chunk)
                 bar.advance(chunk.stop - chunk.start)
@@ -210,7 +213,7 @@ class Runner:
 
     def _distribute(self, units: list[Span], case: str, task: Task, seed: int) -> Iterator[Chunk]:
         if self.backend == "dask":
-            return self._dask.compute(self.scheduler, self.jobs, task, case, seed, units)
+            return self._dask.compute(task, case, seed, units)
         if self.jobs == 1:
             return compute_here(task, case, seed, units)
         return compute_on_joblib(self.backend, self.jobs, task, case, seed, units)
