@@ -24,10 +24,10 @@ from montecarlo_tasks import (
     Troubled,
 )
 
-from sysid._checkpoints import CaseFiles, Identity
-from sysid._runs import Chunk
 from sysid.errors import SysidError, UsageError
 from sysid.montecarlo import Runner, Study, Task
+from sysid.montecarlo.checkpoints import CaseFiles, Identity
+from sysid.montecarlo.runs import Chunk
 
 HERE = Path(__file__).parent
 CASE = "example-2/m4"
@@ -344,7 +344,7 @@ def test_another_study_is_not_continued_but_replaced(tmp_path, finished, task, s
 
 def test_another_version_is_not_continued(tmp_path, monkeypatch):
     runner = interrupted(tmp_path, 4)
-    monkeypatch.setattr("sysid._checkpoints.versions", lambda: "sysid 99")
+    monkeypatch.setattr("sysid.montecarlo.checkpoints.versions", lambda: "sysid 99")
     with pytest.raises(UsageError, match=r"different versions .*'sysid 99' now"):
         runner.run(CASE, Noise(), 60, seed=7)
 
@@ -655,7 +655,7 @@ def test_a_lost_scheduler_ends_in_a_clear_error(cluster, tmp_path):
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:{port}", "nonsense://x", "no-port"])
 def test_a_scheduler_that_does_not_answer_is_named(address, monkeypatch, caplog):
-    monkeypatch.setattr("sysid._backends.CONNECT_SECONDS", 0.5)
+    monkeypatch.setattr("sysid.montecarlo.backends.CONNECT_SECONDS", 0.5)
     address = address.format(port=free_port())
     with pytest.raises(UsageError, match=f"no Dask scheduler answers at '{address}'"):
         Runner(backend="dask", scheduler=address).run("c", Noise(), 20, seed=1)

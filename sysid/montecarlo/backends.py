@@ -11,10 +11,10 @@ from importlib import import_module
 from itertools import islice
 from typing import Any
 
-from sysid._checkpoints import versions
-from sysid._runs import Chunk, Span, Task, compute
-from sysid._workers import compute_in_process, compute_pinned
 from sysid.errors import SysidError, UsageError
+from sysid.montecarlo.checkpoints import versions
+from sysid.montecarlo.runs import Chunk, Span, Task, compute
+from sysid.montecarlo.workers import compute_in_process, compute_pinned
 
 CONNECT_SECONDS = 5.0
 

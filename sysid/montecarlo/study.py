@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid._checkpoints import read_header, read_rows
-from sysid._runs import spawn_key
 from sysid.errors import UsageError
+from sysid.montecarlo.checkpoints import read_header, read_rows
+from sysid.montecarlo.runs import spawn_key
 from sysid.statistics import FloatArray, Moments, fold, quantiles
 
 

@@ -1,4 +1,4 @@
-"""Monte-Carlo studies: seeded runs on many workers, checkpoints, statistics."""
+"""The runner: hands the runs of a case to workers and keeps what is finished."""
 
 import math
 import shutil
@@ -11,12 +11,12 @@ from itertools import chain
 from pathlib import Path
 from types import TracebackType
 
-from sysid._backends import DaskPool, compute_here, compute_on_joblib
-from sysid._checkpoints import CaseFiles, Identity
-from sysid._runs import Chunk, Span, Task, compute, evaluate
-from sysid._study import Failure, Study
-from sysid._workers import one_blas_thread
 from sysid.errors import UsageError
+from sysid.montecarlo.backends import DaskPool, compute_here, compute_on_joblib
+from sysid.montecarlo.checkpoints import CaseFiles, Identity
+from sysid.montecarlo.runs import Chunk, Span, Task, compute, evaluate
+from sysid.montecarlo.study import Failure, Study
+from sysid.montecarlo.workers import one_blas_thread
 from sysid.progress import Progress
 
 __all__ = ["Failure", "Runner", "Study", "Task"]

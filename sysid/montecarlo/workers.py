@@ -10,7 +10,7 @@ from functools import cache
 
 import threadpoolctl
 
-from sysid._runs import Chunk, Span, Task, compute
+from sysid.montecarlo.runs import Chunk, Span, Task, compute
 
 _ORPHAN_CHECK_SECONDS = 0.5
 _pinning = threading.Lock()

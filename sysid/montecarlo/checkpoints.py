@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from sysid._runs import RESERVED_COLUMNS, Chunk, Span, Task, columns_differ
 from sysid.errors import UsageError
+from sysid.montecarlo.runs import RESERVED_COLUMNS, Chunk, Span, Task, columns_differ
 
 ROW_GROUP = 16384
 """Rows of a row group of the table: fixed, so that the bytes of the file do not depend on the chunks."""
