@@ -7,7 +7,7 @@ import platform
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -43,6 +43,8 @@ class Session:
         A short run that still meets every gate.
     runner : Runner
         Where the runs are computed.
+    finished : callable
+        Called with 1 when a study is done.
     timings : dict
         Measured times [s]; filled by `timed`.
     """
@@ -51,11 +53,14 @@ class Session:
     seed: int
     smoke: bool
     runner: "Runner"
+    finished: Callable[[int], None] = lambda done: None
     timings: dict[str, float] = field(default_factory=dict)
 
     def study(self, case: str, task: "Task", runs: int | None = None) -> "Study":
         """Compute the runs of a case."""
-        return self.runner.run(case, task, self.runs if runs is None else runs, self.seed)
+        study = self.runner.run(case, task, self.runs if runs is None else runs, self.seed)
+        self.finished(1)
+        return study
 
     @contextmanager
     def timed(self, name: str) -> Iterator[None]:

@@ -334,7 +334,7 @@ def _nonzero_mean_input() -> Erratum:
 
 
 def centred_covariance_spread() -> float:
-    """Return how much cov(x, u) under (3.10) changes while a1 + a2 is kept: zero, so centring is no repair."""
+    """Return how much cov(x, u) under (3.10) changes while a1 + a2 is kept: not at all."""
     third = PiecewiseUniform.mass_and_uniform(3.0)
     preload = static_map("two-sided-preload")
     totals = (1.0, 2.0, 3.0)
