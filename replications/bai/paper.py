@@ -86,12 +86,14 @@ class Bai:
         }
         numbers = {
             **setting_numbers(),
-            **consistency_numbers(studies),
-            **cost_numbers(studies),
+            "slope_std_error": slope_std_error([studies[size_case("preload", n)].n_runs for n in SIZES]),
+            **reading_numbers(),
             **plausibility_numbers(studies, claims_read, example_2_rows),
             **example_2_numbers(studies["example-2"], monte_carlo),
             **errata_numbers(found_errata),
         }
+        for case in setting.CASES:
+            numbers |= consistency_numbers(case, studies) | cost_numbers(studies[case])
         tables = {
             "table-1": table_1(studies, claims_read),
             "errata": [erratum.to_json() for erratum in found_errata],
@@ -147,18 +149,14 @@ def setting_numbers() -> dict[str, float]:
     }
 
 
-def consistency_numbers(studies: Mapping[str, Study]) -> dict[str, float]:
+def consistency_numbers(case: str, studies: Mapping[str, Study]) -> dict[str, float]:
     """Return RMSE at every N and the slope of its logarithm against that of N."""
     numbers: dict[str, float] = {}
-    for case in setting.CASES:
-        summaries = [studies[size_case(case, n)].summary(setting.TRUE) for n in SIZES]
-        for name in setting.PARAMETERS:
-            rmse = np.array([float(summary[name]["rmse"] or np.nan) for summary in summaries])
-            numbers |= {f"rmse/{case}/{name}/{n}": float(value) for n, value in zip(SIZES, rmse, strict=True)}
-            numbers[f"slope/{case}/{name}"] = float(np.polyfit(np.log(SIZES), np.log(rmse), 1)[0])
-    numbers["slope_std_error"] = slope_std_error(
-        [studies[size_case(setting.CASES[0], n)].n_runs for n in SIZES]
-    )
+    summaries = [studies[size_case(case, n)].summary(setting.TRUE) for n in SIZES]
+    for name in setting.PARAMETERS:
+        rmse = np.array([float(summary[name]["rmse"] or np.nan) for summary in summaries])
+        numbers |= {f"rmse/{case}/{name}/{n}": float(value) for n, value in zip(SIZES, rmse, strict=True)}
+        numbers[f"slope/{case}/{name}"] = float(np.polyfit(np.log(SIZES), np.log(rmse), 1)[0])
     return numbers
 
 
@@ -168,17 +166,22 @@ def slope_std_error(n_runs: Sequence[int]) -> float:
     return float(np.sqrt(np.sum(x**2 / (2 * np.asarray(n_runs)))) / np.sum(x**2))
 
 
-def cost_numbers(studies: Mapping[str, Study]) -> dict[str, float]:
+def cost_numbers(study: Study) -> dict[str, float]:
     """Return E[J] and the share of experiments whose J(a) has more than one local minimum."""
-    numbers: dict[str, float] = {}
-    for case in setting.CASES:
-        study = studies[case]
-        numbers[f"ej/{case}/{setting.EXAMPLE_1_SAMPLES}"] = study.mean()["j"]
-        numbers[f"ej_std_error/{case}/{setting.EXAMPLE_1_SAMPLES}"] = study.standard_error()["j"]
-        minima = study.column("n_minima")
-        numbers[f"local_minima_share/{case}"] = float(np.mean(minima > 1))
-        numbers[f"local_minima_mean/{case}"] = float(np.mean(minima))
+    case, n = study.case, setting.EXAMPLE_1_SAMPLES
+    minima = study.column("n_minima")
+    return {
+        f"ej/{case}/{n}": study.mean()["j"],
+        f"ej_std_error/{case}/{n}": study.standard_error()["j"],
+        f"local_minima_share/{case}": float(np.mean(minima > 1)),
+        f"local_minima_mean/{case}": float(np.mean(minima)),
+    }
+
+
+def reading_numbers() -> dict[str, float]:
+    """Return the share of samples on which a printed hysteretic rule and its physical reading differ."""
     u = np.random.default_rng(7).uniform(-setting.EXAMPLE_1_INPUT, setting.EXAMPLE_1_INPUT, 100_000)
+    numbers = {}
     for printed, physical in zip(("hysteresis-relay", "hysteresis"), setting.PHYSICAL_READINGS, strict=True):
         outputs = [one_parameter_map(name)(u, setting.THRESHOLD) for name in (printed, physical)]
         numbers[f"differs_share/{physical}"] = float(np.mean(np.abs(outputs[0] - outputs[1]) > 1e-12))

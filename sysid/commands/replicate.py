@@ -20,9 +20,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Replicate the chosen papers; return 0 when every gate is green and 1 otherwise."""
     papers = chosen_papers(arguments.papers)
     if not papers:
-        raise UsageError(
-            "no paper is installed (entry-point group sysid.papers): install a package that has one"
-        )
+        raise UsageError("no paper is installed: install a package with the entry point sysid.papers")
     runs = {
         name: arguments.runs or (paper.smoke_runs if arguments.smoke else paper.default_runs)
         for name, paper in papers.items()

@@ -41,9 +41,7 @@ def formats(text: str) -> tuple[str, ...]:
 def add(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     parser.add_argument("papers", nargs="*", metavar="PAPER", help="papers by name; all when none is named")
-    parser.add_argument(
-        "--runs", type=positive, help="Monte-Carlo runs of a case; each paper has its own default"
-    )
+    parser.add_argument("--runs", type=positive, help="runs of a case; each paper has its own default")
     parser.add_argument("--seed", type=not_negative, default=0, help="seed of all studies")
     parser.add_argument("--jobs", type=positive, default=2, help="workers")
     parser.add_argument("--backend", choices=BACKENDS, default="loky", help="how runs are distributed")
