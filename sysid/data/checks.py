@@ -157,10 +157,10 @@ def _outliers(values: Floats, name: str, starts: tuple[int, ...]) -> list[str]:
     size = np.abs(deviation)
     spread = 1.4826 * float(np.median(size[measured]))
     before, after = np.roll(deviation, 1), np.roll(deviation, -1)
-    tolerance = 0.2 * size + 3.0 * spread
+    tolerance = 0.1 * size + 2.0 * spread
     spike = size > OUTLIER_DEVIATIONS * spread
     spike &= (np.abs(before + 0.5 * deviation) < tolerance) & (np.abs(after + 0.5 * deviation) < tolerance)
-    spike &= (before * deviation <= 0.0) & (after * deviation <= 0.0)
+    spike[1:-1] &= (values[1:-1] - values[:-2]) * (values[1:-1] - values[2:]) > 0.0
     rows = np.flatnonzero(spike)
     if spread == 0.0 or rows.size == 0 or rows.size > 0.01 * values.size:
         return []
