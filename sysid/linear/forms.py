@@ -67,10 +67,10 @@ def poles_of(reflections: Floats) -> Complexes:
             # The quadratic formula that does not cancel.
             root = np.sqrt(complex(first * first - 4.0 * second))
             large = -0.5 * (first + root) if abs(first + root) >= abs(first - root) else -0.5 * (first - root)
-            found.extend([large, second / large if large != 0 else 0.0])
+            found.extend([complex(large), complex(second / large if large != 0 else 0.0)])
         else:
-            found.append(-first)
-    return np.array(sorted(found, key=lambda pole: (-abs(pole), -complex(pole).imag)), dtype=np.complex128)
+            found.append(complex(-first))
+    return np.array(sorted(found, key=lambda pole: (-round(abs(pole), 12), -pole.imag)), dtype=np.complex128)
 
 
 def denominator(reflections: Floats) -> Floats:

@@ -15,8 +15,9 @@ from sysid.linear.starts import least_squares_poles, pole_grid, steiglitz_mcbrid
 from sysid.linear.uncertainty import Uncertainty, parameter_uncertainty
 
 INITIAL_STATES = ("estimate", "rest")
-# Starts are compared on at most this many rows; only the best goes on to the whole record.
-SCREENING_ROWS = 30_000
+# Searches run on at most this many rows, starts are ranked on fewer; only the best end goes on to the whole record.
+SCREENING_ROWS = 20_000
+RANKING_ROWS = 8_000
 SEARCHED_STARTS = 4
 FIRST_ITERATIONS = 12
 LEADING = 2
@@ -116,6 +117,7 @@ def fit_output_error(
     initial_state: str = "estimate",
     rows: Mask | None = None,
     extra_starts: Sequence[Complexes] = (),
+    start: Complexes | None = None,
     precise: bool = True,
 ) -> OutputErrorFit:
     """Fit a linear model by its free-run error, from several starts.
@@ -137,6 +139,8 @@ def fit_output_error(
         Rows of the fit; estimation and validation rows by default.
     extra_starts : sequence of ndarray of complex
         Further poles from which to search.
+    start : ndarray of complex, shape (order,), optional
+        Poles of a model to be refitted: the only start, so that it stays the same model.
     precise : bool
         Whether to search to the last digit and compute standard errors; a trial does with less.
 
@@ -171,13 +175,13 @@ def fit_output_error(
     n_rows = sum(int(segment.used.sum()) for segment in segments)
     _check_enough(structure, segments, n_rows)
     with threadpool_limits(1):  # blocks are small: further threads only wait for one another
-        search, agree, tried = _search_all(segments, structure, extra_starts, precise)
+        if start is None:
+            search, agree, tried = _search_all(segments, structure, extra_starts, precise)
+        else:
+            search = search_poles(segments, structure, reflections_from_poles(start), FINE_STEP)
+            agree, tried = True, 1
         uncertainty = parameter_uncertainty(segments, structure, search, skip=not precise)
     a, b, constant_value = coefficients(structure, search.reflections, search.projection.shared, segments[0].u.shape[1])
-    status = f"{search.message}; " + (
-        f"restarts agree ({tried} searched)" if agree else f"restarts disagree ({tried} searched): other poles "
-        "fit almost as well or the error has local minima; compare other orders"
-    )
     return OutputErrorFit(
         structure=structure,
         a=a,
@@ -193,7 +197,7 @@ def fit_output_error(
         n_rows=n_rows,
         converged=search.converged,
         restarts_agree=agree,
-        status=status,
+        status=f"{search.message}; {_agreement(agree, tried)}",
         reflections=search.reflections,
         weights=search.projection.shared,
     )
@@ -271,9 +275,9 @@ def _search_all(
     segments: tuple[Segment, ...], structure: Structure, extra: Sequence[Complexes], precise: bool
 ) -> tuple[Search, bool, int]:
     """Search from the best of all starts; return the best end, whether two agree, and how many ran."""
-    screening = _shortened(segments)
+    screening = _shortened(segments, SCREENING_ROWS)
     step = FINE_STEP if precise else COARSE_STEP
-    ranked = _ranked_starts(screening, structure, extra)[:SEARCHED_STARTS]
+    ranked = _ranked_starts(_shortened(segments, RANKING_ROWS), structure, extra)[:SEARCHED_STARTS]
     searches = [search_poles(screening, structure, start, COARSE_STEP, FIRST_ITERATIONS) for start in ranked]
     searches.sort(key=lambda search: search.cost)
     leading = [search_poles(screening, structure, s.reflections, step) for s in searches[:LEADING]]
@@ -286,11 +290,22 @@ def _search_all(
     return best, len(near) > 1, len(searches)
 
 
-def _shortened(segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
+def _agreement(agree: bool, tried: int) -> str:
+    if tried == 1:
+        return "refitted from one start"
+    if agree:
+        return f"{tried} searches from different starts agree"
+    return (
+        f"{tried} searches from different starts disagree: the error has local minima, so compare other orders"
+    )
+
+
+def _shortened(segments: tuple[Segment, ...], rows: int) -> tuple[Segment, ...]:
+    """Return the first rows of each experiment, so many in all."""
     total = sum(int(segment.used.sum()) for segment in segments)
-    if total <= SCREENING_ROWS:
+    if total <= rows:
         return segments
-    share = SCREENING_ROWS / total
+    share = rows / total
     return tuple(s.shortened(max(int(share * s.used.sum()), 1)) for s in segments)
 
 

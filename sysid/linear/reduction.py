@@ -12,7 +12,8 @@ import numpy as np
 from sysid.linear.forms import Floats, section_coefficients
 from sysid.linear.kernels import all_pole_filter, kautz_columns, sensitivity_columns
 
-BLOCK_ROWS = 2048
+BLOCK_ROWS = 4096
+PANEL = 4
 # Below this the response to the initial state has died out: it no longer adds a column.
 DEAD = 1e-12
 RANK_TOLERANCE = 1e-11
@@ -153,15 +154,20 @@ class Columns:
 
 
 def fold(triangle: Floats | None, rows: Floats) -> Floats:
-    """Fold rows, shape (n_columns, n_rows), under a triangular factor; return the new factor."""
-    from scipy.linalg.lapack import dgeqrf
+    """Fold rows, shape (n_columns, n_rows), under a triangular factor; both are used up.
+
+    The factor of (triangle over rows) is returned; its structure is exploited and nothing is copied.
+    """
+    from scipy.linalg.lapack import dtpqrt
 
     n_columns = rows.shape[0]
-    stacked = rows.T if triangle is None else np.asfortranarray(np.vstack([triangle, rows.T]))
-    if stacked.shape[0] < n_columns:
-        stacked = np.asfortranarray(np.vstack([stacked, np.zeros((n_columns - stacked.shape[0], n_columns))]))
-    factor = dgeqrf(stacked, overwrite_a=1)[0]
-    return np.triu(factor[:n_columns])
+    if triangle is None:
+        triangle = np.zeros((n_columns, n_columns), order="F")
+    if rows.shape[1] == 0:
+        return triangle
+    rows = np.ascontiguousarray(rows)
+    folded = dtpqrt(0, min(PANEL, n_columns), triangle, rows.T, overwrite_a=1, overwrite_b=1)[0]
+    return np.asarray(folded)
 
 
 class Reduction:
@@ -210,7 +216,7 @@ class Reduction:
         order = self.structure.order
         n_sensitivity = 0 if projection is None else order
         width = self.n_shared + n_sensitivity + 1
-        triangle: Floats = np.zeros((width, width))
+        triangle: Floats | None = None
         local = []
         for number, segment in enumerate(self.segments):
             columns = Columns(self.structure, self.reflections, segment.u)
@@ -234,9 +240,7 @@ class Reduction:
                     )
                 used = segment.used[first:last]
                 if not used.all():
-                    block = np.ascontiguousarray(block[:, used])
-                if block.shape[1] == 0:
-                    continue
+                    block = block[:, used]
                 if n_start:
                     own = fold(own, block)
                 else:
@@ -245,6 +249,7 @@ class Reduction:
                 left, right, rest = _split(own, order, width)
                 triangle = fold(triangle, rest)
                 local.append((left, right))
+        assert triangle is not None
         return triangle, local
 
 
@@ -255,7 +260,7 @@ def _split(own: Floats | None, order: int, width: int) -> tuple[Floats, Floats, 
     row then belongs to the rest.
     """
     if own is None:
-        return np.zeros((order, order)), np.zeros((order, width)), np.zeros((width, 1))
+        return np.zeros((order, order)), np.zeros((order, width)), np.zeros((width, 0))
     seen = np.abs(np.diag(own)[:order]) > DEAD
     left = np.where(seen[:, np.newaxis], own[:order, :order], 0.0)
     right = np.where(seen[:, np.newaxis], own[:order, order:], 0.0)

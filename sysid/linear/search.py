@@ -9,7 +9,6 @@ from sysid.linear.reduction import Projection, Reduction, Segment, Structure
 
 COST_FLOOR = 1e-24
 K2_RANGE = (-0.999, 1.0)
-LARGEST_DAMPING = 1e12
 
 
 @dataclass(frozen=True)
@@ -70,20 +69,20 @@ def search_poles(
         scale[scale == 0.0] = 1.0
         gain = _possible_gain(J / scale, r)
         noise = now.cost / max(n_rows - structure.n_parameters(segments[0].u.shape[1]), 1)
-        if now.cost <= COST_FLOOR * total or gain <= smallest_step**2 * structure.order * noise:
+        negligible = max(smallest_step**2 * structure.order * noise, COST_FLOOR * total)
+        if now.cost <= COST_FLOOR * total or gain <= negligible:
             return Search(k, now, True, iteration, "converged: the next step is far below a standard error")
         while True:
-            step = _damped_step(J / scale, r, damping) / scale
-            trial = np.clip(k + step, lower, upper)
+            trial = k + _step_in_box(J, r, scale, damping, lower - k, upper - k)
             candidate = Reduction(segments, structure, trial)
             then = candidate.project()
             if then.cost < now.cost:
                 break
             damping *= 4.0
-            if damping > LARGEST_DAMPING or np.abs(trial - k).max() < 1e-15:
+            if _decrease(J, r, trial - k) < negligible:
                 return Search(k, now, True, iteration, "converged: no step lowers the error further")
-        predicted = float(r @ r - np.sum((r - J @ (trial - k)) ** 2))
-        damping = damping / 5.0 if now.cost - then.cost > 0.5 * predicted else damping * 2.0
+        better_than_half = now.cost - then.cost > 0.5 * _decrease(J, r, trial - k)
+        damping = damping / 5.0 if better_than_half else damping * 2.0
         damping = max(damping, 1e-12)
         k, reduction, now = trial, candidate, then
     return Search(k, now, False, max_iterations, f"stopped after {max_iterations} iterations, still improving")
@@ -102,7 +101,27 @@ def _possible_gain(J: Floats, r: Floats) -> float:
     return float(np.sum((left.T @ r)[: values.size][seen] ** 2))
 
 
-def _damped_step(J: Floats, r: Floats, damping: float) -> Floats:
-    n = J.shape[1]
-    stacked = np.vstack([J, np.sqrt(damping) * np.eye(n)])
-    return np.asarray(np.linalg.lstsq(stacked, np.concatenate([r, np.zeros(n)]), rcond=None)[0])
+def _decrease(J: Floats, r: Floats, step: Floats) -> float:
+    """Return how much a step would lower the cost if the model were linear."""
+    return float(r @ r - np.sum((r - J @ step) ** 2))
+
+
+def _step_in_box(
+    J: Floats, r: Floats, scale: Floats, damping: float, lowest: Floats, highest: Floats
+) -> Floats:
+    """Return the damped step; where it would leave the box it ends at the bound and the rest is solved anew."""
+    step = np.zeros(J.shape[1])
+    free = np.ones(J.shape[1], dtype=bool)
+    while free.any():
+        scaled = J[:, free] / scale[free]
+        left = r - J[:, ~free] @ step[~free]
+        stacked = np.vstack([scaled, np.sqrt(damping) * np.eye(scaled.shape[1])])
+        target = np.concatenate([left, np.zeros(scaled.shape[1])])
+        step[free] = np.linalg.lstsq(stacked, target, rcond=None)[0] / scale[free]
+        inside = np.clip(step, lowest, highest)
+        out = free & (inside != step)
+        if not out.any():
+            break
+        step[out] = inside[out]
+        free &= ~out
+    return step

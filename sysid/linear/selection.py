@@ -9,17 +9,20 @@ from sysid.data import Record
 from sysid.data.record import TEST_PREFIX, Mask
 from sysid.errors import SysidError
 from sysid.linear.forms import Complexes, Floats
-from sysid.linear.output_error import OutputErrorFit, fit_output_error, make_segments
-from sysid.linear.reduction import BLOCK_ROWS, fold
+from sysid.linear.output_error import OutputErrorFit, fit_output_error
 from sysid.linear.simulation import first_rows, predict, run_free
 
 LARGEST_ORDER = 8
 # An error within this share of the best counts as equal, however small its standard error.
 PRACTICAL_SHARE = 0.01
-VALIDATION_BLOCKS = 20
-# A coefficient of the impulse response counts as present above this many standard errors.
-PRESENT = 5.0
-LONGEST_DELAY = 30
+# Errors are correlated over an unknown time: the largest standard error from these numbers of blocks counts.
+VALIDATION_BLOCKS = (20, 10, 5)
+# Delays of the first scan [samples], and the rows it looks at.
+COARSE_DELAYS = (0, 1, 2, 3, 4, 6, 8, 11, 15, 20, 27)
+SCANNED_ROWS = 10_000
+DEAD_TIME_SHARE = 0.05
+LEADING_DELAYS = 2
+FRUITLESS_ORDERS = 3
 
 
 @dataclass(frozen=True)
@@ -32,12 +35,15 @@ class Candidate:
     constant : bool
     validation_rms : float
         Free-run error on the validation rows, fitted on the estimation rows.
+    restarts_agree : bool
+        Whether searches from different starts ended at the same error.
     """
 
     order: int
     delay: int
     constant: bool
     validation_rms: float
+    restarts_agree: bool
 
 
 @dataclass(frozen=True)
@@ -81,7 +87,8 @@ def choose_output_error(
 
     Each structure is fitted on the estimation rows and run free over the validation rows.  The
     simplest one is taken whose squared error there is, block by block, within one standard error
-    of the best one's, or within 1 %: smaller differences are not worth a parameter.
+    of the best one's, or within 1 %: smaller differences are not worth a parameter.  A constant is
+    left out if the error stays within 1 % without it.
 
     Parameters
     ----------
@@ -118,19 +125,21 @@ def choose_output_error(
     if order is not None and delay is not None and constant is not None:
         return _fixed(record, order, delay, constant, initial_state)
     orders = range(1, LARGEST_ORDER + 1) if order is None else range(order, order + 1)
-    delays = suggested_delays(record, record.estimation) if delay is None else (delay,)
+    delays = suggested_delays(record, _first(record.estimation), initial_state) if delay is None else (delay,)
     first_constant = initial_state == "estimate" if constant is None else constant
     steps = len(orders) * len(delays)
     trials: list[_Trial] = []
     last_problem: SysidError | None = None
-    for n in orders:
-        for lag in delays:
+    for place, n in enumerate(orders):
+        for lag in _leading_delays(trials, delays, n):
             try:
                 trials.append(_try(record, n, lag, first_constant, initial_state, trials))
             except SysidError as problem:
                 last_problem = problem
-            if progress is not None:
-                progress(len(trials), steps)
+        if progress is not None:
+            progress((place + 1) * len(delays), steps)
+        if _stalled(trials, n):
+            break
     if not trials:
         assert last_problem is not None
         raise last_problem
@@ -138,25 +147,56 @@ def choose_output_error(
     if constant is None and first_constant:
         without = _try(record, accepted.fit.order, accepted.fit.delay, False, initial_state, trials)
         trials.append(without)
-        if _equal(record, without, accepted) and _equal(record, without, best):
+        if without.candidate.validation_rms <= accepted.candidate.validation_rms * (1.0 + PRACTICAL_SHARE):
             accepted = without
-    structure = accepted.candidate
-    fit = fit_output_error(
+    return Choice(
+        _refit(record, accepted.fit, initial_state),
+        accepted.fit,
+        tuple(trial.candidate for trial in trials),
+        _reason(accepted, best, len(trials)),
+    )
+
+
+def _refit(record: Record, accepted: OutputErrorFit, initial_state: str) -> OutputErrorFit:
+    """Refit the accepted model on estimation and validation rows, from where it is."""
+    structure = accepted.structure
+    return fit_output_error(
         record,
         structure.order,
         delay=structure.delay,
         constant=structure.constant,
         initial_state=initial_state,
-        extra_starts=[accepted.fit.poles],
+        start=accepted.poles,
     )
-    return Choice(fit, accepted.fit, tuple(trial.candidate for trial in trials), _reason(accepted, best, len(trials)))
+
+
+def _first(rows: Mask) -> Mask:
+    """Keep the first rows."""
+    kept = rows.copy()
+    kept[np.flatnonzero(rows)[SCANNED_ROWS:]] = False
+    return kept
+
+
+def _leading_delays(trials: list[_Trial], delays: tuple[int, ...], order: int) -> tuple[int, ...]:
+    """Return the delays to try: from order 4 on only 1 and the two that did best with orders 2 and 3."""
+    seen = [trial.candidate for trial in trials if trial.candidate.order in (2, 3)]
+    if order < 4 or not seen:
+        return delays
+    best = {lag: min((c.validation_rms for c in seen if c.delay == lag), default=np.inf) for lag in delays}
+    leading = sorted(delays, key=lambda lag: best[lag])[:LEADING_DELAYS]
+    return tuple(sorted({1, *leading} & set(delays)))
+
+
+def _stalled(trials: list[_Trial], order: int) -> bool:
+    """Tell whether three orders in a row brought nothing worth having."""
+    before = [t.candidate.validation_rms for t in trials if t.candidate.order <= order - FRUITLESS_ORDERS]
+    after = [t.candidate.validation_rms for t in trials if t.candidate.order > order - FRUITLESS_ORDERS]
+    return bool(before) and bool(after) and min(after) > min(before) * (1.0 - PRACTICAL_SHARE)
 
 
 def _fixed(record: Record, order: int, delay: int, constant: bool, initial_state: str) -> Choice:
     trial = _try(record, order, delay, constant, initial_state, [])
-    fit = fit_output_error(
-        record, order, delay=delay, constant=constant, initial_state=initial_state, extra_starts=[trial.fit.poles]
-    )
+    fit = _refit(record, trial.fit, initial_state)
     return Choice(fit, trial.fit, (trial.candidate,), "The structure was given.")
 
 
@@ -176,7 +216,7 @@ def _try(
     )
     squared = _validation_errors(fit, record) ** 2
     rms = float(np.sqrt(squared.mean()))
-    return _Trial(fit, squared, Candidate(order, delay, constant, rms))
+    return _Trial(fit, squared, Candidate(order, delay, constant, rms, fit.restarts_agree))
 
 
 def _validation_errors(fit: OutputErrorFit, record: Record) -> Floats:
@@ -214,22 +254,36 @@ def _known_poles(before: list[_Trial], order: int, delay: int) -> list[Complexes
 
 
 def _simplest(record: Record, trials: list[_Trial]) -> tuple[_Trial, _Trial]:
-    """Return the simplest trial that is as good as the best one, and the best one."""
+    """Return the simplest trial that is as good as the best one, and the best one.
+
+    A structure whose searches end at different errors is left out where others are reproducible:
+    refitted on more rows it could become another model.
+    """
+    trials = [trial for trial in trials if trial.fit.restarts_agree] or trials
     best = min(trials, key=lambda trial: trial.candidate.validation_rms)
-    equal = [trial for trial in trials if _equal(record, trial, best)]
-    fewest = min(trial.fit.structure.n_parameters(len(record.inputs)) for trial in equal)
-    simple = [t for t in equal if t.fit.structure.n_parameters(len(record.inputs)) == fewest]
+    equal = [trial for trial in trials if _equal(trial, best)]
+    fewest = min(_size(record, trial) for trial in equal)
+    simple = [trial for trial in equal if _size(record, trial) == fewest]
     return min(simple, key=lambda trial: trial.candidate.validation_rms), best
 
 
-def _equal(record: Record, trial: _Trial, best: _Trial) -> bool:
+def _size(record: Record, trial: _Trial) -> int:
+    """Return the number of parameters; a dead time counts as one."""
+    return trial.fit.structure.n_parameters(len(record.inputs)) + int(trial.fit.delay > 1)
+
+
+def _equal(trial: _Trial, best: _Trial) -> bool:
     """Tell whether a trial is within one standard error, or 1 %, of the best."""
     if trial.candidate.validation_rms <= best.candidate.validation_rms * (1.0 + PRACTICAL_SHARE):
         return True
-    blocks = np.array_split(trial.squared - best.squared, VALIDATION_BLOCKS)
-    means = np.array([block.mean() for block in blocks if block.size])
-    standard_error = means.std(ddof=1) / np.sqrt(means.size)
-    return bool(means.mean() <= standard_error)
+    difference = trial.squared - best.squared
+    return bool(difference.mean() <= max(_standard_error(difference, count) for count in VALIDATION_BLOCKS))
+
+
+def _standard_error(values: Floats, count: int) -> float:
+    """Return the standard error of the mean of a correlated series from the means of its blocks."""
+    means = np.array([block.mean() for block in np.array_split(values, count) if block.size])
+    return float(means.std(ddof=1) / np.sqrt(means.size))
 
 
 def _reason(accepted: _Trial, best: _Trial, count: int) -> str:
@@ -246,45 +300,39 @@ def _reason(accepted: _Trial, best: _Trial, count: int) -> str:
     )
 
 
-def suggested_delays(record: Record, rows: Mask) -> tuple[int, ...]:
-    """Return the delays worth trying: 0, 1 and those where the input first shows.
+def suggested_delays(record: Record, rows: Mask, initial_state: str = "estimate") -> tuple[int, ...]:
+    """Return the delays worth trying: 1, and those around the best one of a second-order model.
 
-    A long difference equation from u(k), u(k-1), ... is fitted by least squares; its leading
-    coefficients are zero up to the dead time, whatever the noise, if the equation is long enough.
+    Models of equal order and different delay have the same number of parameters, so that their
+    errors on the rows of the fit can be compared.  A coarse scan comes first.  Of delays that are
+    equal within 5 % the shortest counts: a slow response looks like a dead time too.
 
     Parameters
     ----------
     record : Record
     rows : ndarray of bool, shape (n_samples,)
+    initial_state : {"estimate", "rest"}
 
     Returns
     -------
     tuple of int, ascending
     """
-    segments = make_segments(record, rows)
-    n_rows = sum(int(s.used.sum()) for s in segments)
-    n_inputs = len(record.inputs)
-    length = int(np.clip(n_rows // (10 * (n_inputs + 1)), 2, LONGEST_DELAY))
-    triangle: Floats | None = None
-    for segment in segments:
-        usable = np.flatnonzero(segment.used)
-        usable = usable[usable >= length]
-        for first in range(0, usable.size, BLOCK_ROWS):
-            k = usable[first : first + BLOCK_ROWS]
-            inputs = [segment.u[k - lag, i] for i in range(n_inputs) for lag in range(length + 1)]
-            outputs = [segment.y[k - lag] for lag in range(1, length + 1)]
-            triangle = fold(triangle, np.vstack([*outputs, *inputs, np.ones(k.size), segment.y[k]]))
-    if triangle is None:
-        return (1,)
-    left, right = triangle[:-1, :-1], triangle[:-1, -1]
-    scale = np.linalg.norm(left, axis=0)
-    scale[scale == 0.0] = 1.0
-    inverse = np.linalg.pinv(left / scale, rcond=1e-10)
-    values = inverse @ right
-    noise = abs(triangle[-1, -1]) / np.sqrt(max(n_rows - values.size, 1))
-    errors = np.maximum(noise * np.linalg.norm(inverse, axis=1), 1e-12 * np.abs(values).max())
-    present = (np.abs(values) > PRESENT * errors)[length:-1].reshape(n_inputs, length + 1).any(axis=0)
-    if not present.any():
-        return (0, 1)
-    first = int(np.argmax(present))
-    return tuple(sorted({0, 1, max(first - 1, 0), first, first + 1}))
+    longest = int(rows.sum()) // 20
+    errors: dict[int, float] = {}
+    for delay in (lag for lag in COARSE_DELAYS if lag <= longest):
+        errors[delay] = _error_with_delay(record, rows, delay, initial_state)
+    best = min(errors, key=lambda lag: errors[lag])
+    while new := [lag for lag in (best - 1, best + 1) if 0 <= lag <= longest and lag not in errors]:
+        for delay in new:
+            errors[delay] = _error_with_delay(record, rows, delay, initial_state)
+        best = min(errors, key=lambda lag: errors[lag])
+    first = min(lag for lag in errors if errors[lag] <= (1.0 + DEAD_TIME_SHARE) * errors[best])
+    return tuple(sorted({1, max(first - 1, 0), first, first + 1}))
+
+
+def _error_with_delay(record: Record, rows: Mask, delay: int, initial_state: str) -> float:
+    try:
+        fit = fit_output_error(record, 2, delay=delay, initial_state=initial_state, rows=rows, precise=False)
+    except SysidError:
+        return np.inf
+    return fit.rms

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.linear.forms import Floats, denominator
+from sysid.linear.forms import LARGEST_START, Floats, denominator
 from sysid.linear.kernels import polynomial_filter
-from sysid.linear.reduction import Segment, Structure, fold
+from sysid.linear.reduction import BLOCK_ROWS, Segment, Structure, fold, solve
 from sysid.linear.search import Search
 
 LARGEST_NOISE_ORDER = 20
@@ -78,25 +78,22 @@ def autoregression(runs: list[Floats]) -> tuple[Floats, float]:
     """
     total = sum(run.size for run in runs)
     largest = int(min(LARGEST_NOISE_ORDER, total // 20))
-    covariance = np.zeros(largest + 1)
+    triangle = None
     for run in runs:
-        for lag in range(min(largest, run.size - 1) + 1):
-            covariance[lag] += run[lag:] @ run[: run.size - lag]
-    if covariance[0] <= 0.0:
-        return np.ones(1), 0.0
-    # Levinson and Durbin: each order's innovation variance on the way to the largest.
-    d = np.ones(1)
-    variance = covariance[0] / total
-    best, best_score, best_variance = d, total * np.log(variance), variance
-    for order in range(1, largest + 1):
-        reflection = -float(d @ covariance[order:0:-1]) / total / variance
-        extended = np.concatenate([d, [0.0]])
-        d = extended + reflection * extended[::-1]
-        variance *= max(1.0 - reflection**2, 1e-15)
-        score = total * np.log(variance) + order * np.log(total)
-        if score < best_score:
-            best, best_score, best_variance = d, score, variance
-    return best, float(np.sqrt(best_variance))
+        for first in range(largest, run.size, BLOCK_ROWS):
+            k = np.arange(first, min(first + BLOCK_ROWS, run.size))
+            triangle = fold(triangle, np.vstack([run[k - lag] for lag in range(1, largest + 1)] + [run[k]]))
+    if triangle is None or not triangle[:, -1].any():
+        return np.ones(1), float(np.sqrt(sum(run @ run for run in runs) / max(total, 1)))
+    # The rows below the first n of the factor hold what an equation of order n leaves over.
+    left_over = np.cumsum(triangle[::-1, -1] ** 2)[::-1]
+    left_over = np.maximum(left_over, 1e-24 * left_over[0])
+    order = int(np.argmin(total * np.log(left_over) + np.arange(largest + 1) * np.log(total)))
+    d = np.concatenate([[1.0], -solve(triangle[:order, :order], triangle[:order, -1])])
+    radius = float(np.abs(np.roots(d)).max(initial=0.0))
+    if radius > LARGEST_START:  # least squares does not keep the model stationary
+        d = d * (LARGEST_START / radius) ** np.arange(order + 1)
+    return d, float(np.sqrt(left_over[order] / total))
 
 
 def _jacobian(segment: Segment, structure: Structure, search: Search, number: int) -> tuple[Floats, Floats]:
