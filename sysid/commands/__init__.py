@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from sysid.commands import replicate_arguments
+from sysid.diagnosis import command as compare
 
 Run = Callable[[argparse.Namespace], int]
 
@@ -35,5 +36,13 @@ COMMANDS = (
         "sysid replicate bai --runs 1000 --jobs 2 --out replication --format html,pdf",
         replicate_arguments.add,
         _replicate,
+    ),
+    Command(
+        "compare",
+        compare.HELP,
+        "Fit a model on the estimation rows of a measurement file, judge its free run on held-out rows.",
+        "sysid compare motor.csv --input u --output y --period 0.01 --split-column set",
+        compare.add_arguments,
+        lambda: compare.run,
     ),
 )

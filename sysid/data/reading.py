@@ -333,5 +333,7 @@ def _known_period(period: float | None, notes: Mapping[str, Any]) -> float:
         return period
     if isinstance(notes.get("Ts"), int | float):
         return float(notes["Ts"])
-    raise UsageError("the sampling period is not known: give it in seconds (--period 0.01) or name the "
-                     "time column (--time t)")
+    raise UsageError(
+        "the sampling period is not known: give it in seconds (--period 0.01) or name the "
+        "time column (--time t)"
+    )

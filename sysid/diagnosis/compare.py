@@ -115,7 +115,9 @@ class Comparison:
         return render(self)
 
     def __repr__(self) -> str:
-        return "\n".join([f"Comparison of {self.record.name!r} with model 'linear'", *("  " + s for s in self.sentences())])
+        return "\n".join(
+            [f"Comparison of {self.record.name!r} with model 'linear'", *("  " + s for s in self.sentences())]
+        )
 
 
 def compare(
@@ -258,7 +260,9 @@ def _time_findings(record: Record, judged: str, rows: Mask, residual: "Floats") 
     return tuple(findings)
 
 
-def _seconds(record: Record, places: np.ndarray[tuple[int], np.dtype[np.int64]], window: Window) -> tuple[float, float]:
+def _seconds(
+    record: Record, places: np.ndarray[tuple[int], np.dtype[np.int64]], window: Window
+) -> tuple[float, float]:
     """Return start and end of a window in seconds from the start of its experiment."""
     first, last = int(places[window.first]), int(places[window.last - 1])
     origin = max(start for start in record.starts if start <= first)
@@ -371,7 +375,9 @@ def _warnings(record: Record, choice: Choice) -> tuple[str, ...]:
     if not choice.fit.converged:
         found.append(f"The fit of the linear model did not converge: {choice.fit.status}.")
     if not record.test_sets:
-        found.append("The record has no test rows: the validation rows, on which the structure was chosen, are judged.")
+        found.append(
+            "The record has no test rows: the validation rows, on which the structure was chosen, are judged."
+        )
     for name in record.test_sets:
         if record.scored_rows(name).sum() <= 1:
             found.append(f"The test set {name!r} has no measured output: it is predicted and not scored.")

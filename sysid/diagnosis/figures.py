@@ -112,7 +112,11 @@ def overview(comparison: "Comparison", width: float, height: float) -> tuple[Any
         f"{percent(judged.free_run.nrmse)} of the signal, on {judged.n_rows} samples"
     )
     largest = float(np.nanmax(np.abs(y - model)))
-    return figure, f"Measurement and model on {comparison.judged}", f"{reading}; the largest error is {quantity(largest, judged.unit)}."
+    return (
+        figure,
+        f"Measurement and model on {comparison.judged}",
+        f"{reading}; the largest error is {quantity(largest, judged.unit)}.",
+    )
 
 
 def worst_stretch(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
@@ -174,20 +178,27 @@ def correlations(comparison: "Comparison", width: float, height: float) -> tuple
     tests = list(comparison.tests.items())[:2]
     beside = width > NARROW
     figure, grid = subplots(
-        1 if beside else len(tests), len(tests) if beside else 1, width=width,
-        height=height if beside else 1.6 * height, squeeze=False,
+        1 if beside else len(tests),
+        len(tests) if beside else 1,
+        width=width,
+        height=height if beside else 1.6 * height,
+        squeeze=False,
     )
     for axes, (name, test) in zip(grid.ravel(), tests, strict=True):
         axes.fill_between(test.lags, -test.band, test.band, color="#d9d9d9", linewidth=0, label="99 % band")
         axes.vlines(test.lags, 0.0, test.correlation, color=COLOURS[0], linewidth=1.2)
-        axes.plot(test.lags, test.correlation, linestyle="none", marker=MARKERS[0], markersize=2.6, color=COLOURS[0])
+        axes.plot(
+            test.lags, test.correlation, linestyle="none", marker=MARKERS[0], markersize=2.6, color=COLOURS[0]
+        )
         axes.axhline(0.0, color=GREY, linewidth=0.6)
         axes.set_xlabel("lag [samples]")
         axes.set_ylabel("residual with itself" if name == "whiteness" else "input with residual")
         _legend(axes)
     words = [
         "the residual is white" if tests[0][1].passed else "the residual has a memory",
-        "no linear trace of the input is left in it" if tests[1][1].passed else "it still follows the input linearly",
+        "no linear trace of the input is left in it"
+        if tests[1][1].passed
+        else "it still follows the input linearly",
     ]
     reading = f"Bars beyond the grey band speak against chance: {words[0]}, and {words[1]}."
     return figure, "Correlation of the residual with itself and with the input", reading
@@ -203,12 +214,23 @@ def orders(comparison: "Comparison", width: float, height: float) -> tuple[Any, 
         axes.plot(*zip(*points, strict=True), **series(index, marker=True), label=f"delay {delay}")
     fit = choice.fit
     chosen = min(
-        (c for c in choice.candidates if (c.order, c.delay, c.constant) == (fit.order, fit.delay, fit.structure.constant)),
+        (
+            c
+            for c in choice.candidates
+            if (c.order, c.delay, c.constant) == (fit.order, fit.delay, fit.structure.constant)
+        ),
         key=lambda c: c.validation_rms,
     )
     axes.plot(
-        chosen.order, chosen.validation_rms, linestyle="none", marker="o", markersize=11, markerfacecolor="none",
-        markeredgecolor="#000000", markeredgewidth=1.2, label="chosen",
+        chosen.order,
+        chosen.validation_rms,
+        linestyle="none",
+        marker="o",
+        markersize=11,
+        markerfacecolor="none",
+        markeredgecolor="#000000",
+        markeredgewidth=1.2,
+        label="chosen",
     )
     axes.set_yscale("log")
     axes.set_xlabel("order of the model")
@@ -230,7 +252,9 @@ def _look(index: int) -> dict[str, Any]:
 
 def _legend(axes: Any) -> None:
     if axes.get_legend_handles_labels()[1]:
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.1, columnspacing=1.2)
+        axes.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.1, columnspacing=1.2
+        )
 
 
 def _label(record: Any, name: str) -> str:

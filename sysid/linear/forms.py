@@ -40,7 +40,9 @@ def reflections_from_poles(poles: Complexes) -> Floats:
     modulus = np.abs(poles)
     outside = modulus > 1.0
     poles = np.where(outside, poles / np.where(outside, modulus**2, 1.0), poles)
-    poles = np.where(np.abs(poles) > LARGEST_START, poles * LARGEST_START / np.maximum(np.abs(poles), 1e-300), poles)
+    poles = np.where(
+        np.abs(poles) > LARGEST_START, poles * LARGEST_START / np.maximum(np.abs(poles), 1e-300), poles
+    )
     upper = poles[poles.imag > 1e-12]
     real = np.sort(poles[np.abs(poles.imag) <= 1e-12].real)[::-1]
     reflections: list[float] = []
@@ -86,7 +88,9 @@ def kautz_numerators(reflections: Floats) -> Floats:
     """Return the numerators over A of the Kautz columns, shape (order, order)."""
     order = reflections.size
     a1, a2 = section_coefficients(reflections)
-    sections = [np.array([1.0, f, s][: 2 + (2 * j + 1 < order)]) for j, (f, s) in enumerate(zip(a1, a2, strict=True))]
+    sections = [
+        np.array([1.0, f, s][: 2 + (2 * j + 1 < order)]) for j, (f, s) in enumerate(zip(a1, a2, strict=True))
+    ]
     rows = np.zeros((order, order))
     for j, section in enumerate(sections):
         common = np.ones(1)

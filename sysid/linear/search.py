@@ -85,7 +85,9 @@ def search_poles(
         damping = damping / 5.0 if better_than_half else damping * 2.0
         damping = max(damping, 1e-12)
         k, reduction, now = trial, candidate, then
-    return Search(k, now, False, max_iterations, f"stopped after {max_iterations} iterations, still improving")
+    return Search(
+        k, now, False, max_iterations, f"stopped after {max_iterations} iterations, still improving"
+    )
 
 
 def _box(order: int) -> tuple[Floats, Floats]:

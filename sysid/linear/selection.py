@@ -250,7 +250,9 @@ def _validation_errors(fit: OutputErrorFit, record: Record) -> Floats:
 
 def _known_poles(before: list[_Trial], order: int, delay: int) -> list[Complexes]:
     poles = [t.fit.poles for t in before if t.fit.order == order]
-    return poles + [t.fit.poles for t in before if t.fit.order in (order - 1, order - 2) and t.fit.delay == delay]
+    return poles + [
+        t.fit.poles for t in before if t.fit.order in (order - 1, order - 2) and t.fit.delay == delay
+    ]
 
 
 def _simplest(record: Record, trials: list[_Trial]) -> tuple[_Trial, _Trial]:

@@ -146,9 +146,7 @@ def fitted_output(
     return forced, starts
 
 
-def responses(
-    u: Floats, structure: Structure, reflections: Floats, weights: Floats
-) -> tuple[Floats, Floats]:
+def responses(u: Floats, structure: Structure, reflections: Floats, weights: Floats) -> tuple[Floats, Floats]:
     """Return the response to input and constant, and those to the initial state, shape (order, n_rows)."""
     n_rows = u.shape[0]
     columns = Columns(structure, reflections, u)

@@ -44,7 +44,8 @@ def parameter_uncertainty(
     if skip:
         return Uncertainty(np.full(n_parameters, np.nan), np.ones(1), float("nan"))
     jacobians, residuals = zip(
-        *(_jacobian(segment, structure, search, number) for number, segment in enumerate(segments)), strict=True
+        *(_jacobian(segment, structure, search, number) for number, segment in enumerate(segments)),
+        strict=True,
     )
     noise, noise_std = autoregression([r[s.used] for r, s in zip(residuals, segments, strict=True)])
     n_rows = sum(int(segment.used.sum()) for segment in segments)
