@@ -174,6 +174,7 @@ def judge(claim: Claim, value: float, band: tuple[float, float] | None = None) -
         if band is None:
             raise UsageError(f"claim {claim.id} needs the band of the Monte-Carlo runs")
         lower, upper = band
+        half += 1e-12 * max(abs(printed), half)  # the rounding of the printed decimal to binary
         agrees = printed + half >= lower and printed - half <= upper
     else:
         if kind == "relative":
