@@ -48,7 +48,8 @@ def least_squares_bound(jacobian: Iterable[ArrayLike], noise_variance: float, n_
         rows = np.asarray(block, dtype=float)
         factor = factor or BlockedQR(rows.shape[1])
         factor.update(rows)
-    if factor is None or np.any(np.abs(np.diag(factor.r)) < 1e-10 * np.max(np.abs(factor.r))):
+    # Relative to each column, so that the units of the parameters do not matter; NaN determines nothing.
+    if factor is None or not np.all(np.abs(np.diag(factor.r)) > 1e-10 * np.linalg.norm(factor.r, axis=0)):
         raise IdentifiabilityError(
             "the rows do not determine every parameter: use an input that excites them all"
         )

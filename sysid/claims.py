@@ -10,7 +10,14 @@ from typing import Any
 from sysid.errors import UsageError
 
 VERDICTS = ("reproduced", "replicated", "partial", "not replicated")
-_TOLERANCES = ("exact", "digits", "relative", "monte-carlo-band", "slope")
+_TOLERANCES = {
+    "exact": (),
+    "digits": ("decimals",),
+    "relative": ("tolerance",),
+    "monte-carlo-band": (),
+    "slope": ("tolerance",),
+}
+"""Tolerance types and the parameters each needs."""
 _KEYS = {"id", "where", "printed", "number", "unit", "verdict", "tolerance", "note"}
 
 
@@ -88,10 +95,16 @@ def read(source: Traversable) -> list[Claim]:
     Raises
     ------
     UsageError
-        If a claim has an unknown key, verdict or tolerance type, or an id is used twice.
+        If the file is not TOML, a claim has an unknown key, verdict or tolerance, or an id is used twice.
     """
+    try:
+        entries = tomllib.loads(source.read_text(encoding="utf-8")).get("claim")
+    except tomllib.TOMLDecodeError as error:
+        raise UsageError(f"{source.name} is not TOML: {error}") from None
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        raise UsageError(f"{source.name} has no array of tables [[claim]]: write one table a claim")
     claims: list[Claim] = []
-    for entry in tomllib.loads(source.read_text(encoding="utf-8"))["claim"]:
+    for entry in entries:
         name = entry.get("id", f"number {len(claims) + 1}")
         unknown = set(entry) - _KEYS
         missing = _KEYS - {"note"} - set(entry)
@@ -103,15 +116,20 @@ def read(source: Traversable) -> list[Claim]:
                 f"{source.name}: claim {name} has verdict {entry['verdict']!r}; "
                 f"use one of {', '.join(VERDICTS)}"
             )
-        if entry["tolerance"].get("type") not in _TOLERANCES:
-            raise UsageError(
-                f"{source.name}: claim {name} has tolerance type {entry['tolerance'].get('type')!r}; "
-                f"use one of {', '.join(_TOLERANCES)}"
-            )
+        _check_tolerance(f"{source.name}: claim {name}", entry["tolerance"])
         if any(claim.id == entry["id"] for claim in claims):
             raise UsageError(f"{source.name}: claim id {name} is used twice")
         claims.append(Claim(**entry))
     return claims
+
+
+def _check_tolerance(what: str, tolerance: Any) -> None:
+    kind = tolerance.get("type") if isinstance(tolerance, dict) else tolerance
+    if not isinstance(tolerance, dict) or kind not in _TOLERANCES:
+        raise UsageError(f"{what} has tolerance type {kind!r}; use one of {', '.join(_TOLERANCES)}")
+    for key in _TOLERANCES[kind]:
+        if not isinstance(tolerance.get(key), int | float):
+            raise UsageError(f"{what} has a tolerance of type {kind} without a number {key!r}: add it")
 
 
 def judge(claim: Claim, value: float, band: tuple[float, float] | None = None) -> Claim:
@@ -129,7 +147,13 @@ def judge(claim: Claim, value: float, band: tuple[float, float] | None = None) -
     Returns
     -------
     Claim
-        With value, interval and verdict; a printed value counts with its rounding.
+        With value, interval and verdict; a printed value counts with its rounding.  A value or band
+        that is not finite passes no verdict, "not replicated" included.
+
+    Raises
+    ------
+    UsageError
+        If the printed value is a formula or the band is missing.
 
     Examples
     --------
@@ -138,13 +162,19 @@ def judge(claim: Claim, value: float, band: tuple[float, float] | None = None) -
     >>> judge(claim, 1.0, (0.9, 1.1)).passed
     True
     """
-    printed = float(claim.printed)
+    try:
+        printed = float(claim.printed)
+    except ValueError:
+        raise UsageError(
+            f"claim {claim.id} prints {claim.printed!r}, which is no number: give `printed` as a number"
+        ) from None
     kind = claim.tolerance["type"]
     half = 0.5 * 10.0 ** -int(claim.tolerance["decimals"]) if "decimals" in claim.tolerance else 0.0
     if kind == "monte-carlo-band":
         if band is None:
             raise UsageError(f"claim {claim.id} needs the band of the Monte-Carlo runs")
         lower, upper = band
+        half += 1e-12 * max(abs(printed), half)  # the rounding of the printed decimal to binary
         agrees = printed + half >= lower and printed - half <= upper
     else:
         if kind == "relative":
@@ -155,10 +185,11 @@ def judge(claim: Claim, value: float, band: tuple[float, float] | None = None) -
         lower, upper = printed - half - slack, printed + half + slack
         agrees = lower <= value <= upper
     expected = claim.verdict != "not replicated"
+    known = all(map(math.isfinite, (value, lower, upper)))
     return replace(
         claim,
         value=value if math.isfinite(value) else None,
-        lower=lower,
-        upper=upper,
-        passed=agrees == expected,
+        lower=lower if math.isfinite(lower) else None,
+        upper=upper if math.isfinite(upper) else None,
+        passed=known and agrees == expected,
     )

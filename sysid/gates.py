@@ -7,6 +7,8 @@ from typing import Any
 
 from scipy.special import ndtri
 
+from sysid.errors import UsageError
+
 FALSE_ALARM = 1e-4
 """Default chance that a Monte-Carlo gate is red although nothing is wrong."""
 
@@ -24,7 +26,7 @@ class Gate:
     lower, upper : float
         Interval, bounds included; infinite where one side is open.
     type : str
-        ``exact``, ``digits``, ``relative``, ``monte-carlo-band`` or ``slope``.
+        ``exact``, ``digits``, ``relative``, ``absolute``, ``monte-carlo-band`` or ``slope``.
     reason : str
         Why the interval is what it is.
     false_alarm : float or None
@@ -41,8 +43,8 @@ class Gate:
 
     @property
     def passed(self) -> bool:
-        """Whether the value lies in the interval; a NaN never does."""
-        return self.lower <= self.value <= self.upper
+        """Whether the value lies in the interval; one that is not finite never does."""
+        return math.isfinite(self.value) and self.lower <= self.value <= self.upper
 
     def to_json(self) -> dict[str, Any]:
         """Return the gate as JSON types; infinite and undefined numbers become null."""
@@ -106,11 +108,16 @@ def monte_carlo_band(
     name, value, expected, reason
         See `Gate`.
     std_error : float
-        Standard error of ``value`` over the Monte-Carlo runs.
+        Standard error of ``value`` over the Monte-Carlo runs; the gate is red if it is not finite.
     allowance : float
         A difference that is no error, such as the known small-sample bias; the reason says which.
     false_alarm : float
         Chance of a red gate when nothing is wrong (two-sided, normal).
+
+    Raises
+    ------
+    UsageError
+        If the false alarm does not lie between 0 and 1.
 
     Examples
     --------
@@ -119,7 +126,13 @@ def monte_carlo_band(
     >>> monte_carlo_band("bias", 0.005, 0.0, 0.001, "1000 runs").passed
     False
     """
+    if not 0 < false_alarm < 1:
+        raise UsageError(
+            f"gate {name}: the false alarm {false_alarm:g} is no chance: give one between 0 and 1"
+        )
     half = allowance - float(ndtri(false_alarm / 2)) * std_error
+    if not math.isfinite(half):  # an infinite band would hold anything
+        half = math.nan
     return Gate(name, float(value), expected - half, expected + half, "monte-carlo-band", reason, false_alarm)
 
 

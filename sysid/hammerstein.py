@@ -7,8 +7,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from sysid._compile import compiled
 from sysid.errors import DataError
-from sysid.nonlinearities import OneParameterMap, TwoSidedMap
-from sysid.separable import LaggedRegression, SeparableFit, project, search_pieces, search_two_pieces
+from sysid.nonlinearities import AffinePieces, OneParameterMap, TwoSidedMap
+from sysid.separable import (
+    LaggedRegression,
+    SeparableFit,
+    experiment_starts,
+    project,
+    search_pieces,
+    search_two_pieces,
+)
 
 Floats = NDArray[np.float64]
 
@@ -43,6 +50,11 @@ def equation_error_response(x: ArrayLike, alpha: ArrayLike, beta: ArrayLike, noi
     -------
     ndarray, shape (n_samples,)
 
+    Raises
+    ------
+    DataError
+        If signal and noise differ in length.
+
     Examples
     --------
     >>> equation_error_response([1.0, 0.0, 0.0, 0.0], [0.5], [2.0], [0.0] * 4).tolist()
@@ -50,6 +62,11 @@ def equation_error_response(x: ArrayLike, alpha: ArrayLike, beta: ArrayLike, noi
     """
     signal = np.asarray(x, dtype=float)
     forced = np.array(noise, dtype=float)
+    if signal.shape != forced.shape or signal.ndim != 1:
+        raise DataError(
+            f"signal of shape {signal.shape} and noise of shape {forced.shape} differ: "
+            "give one channel each, of equal length"
+        )
     for i, coefficient in enumerate(np.asarray(beta, dtype=float), start=1):
         forced[i:] += coefficient * signal[:-i]
     return _autoregression(np.asarray(alpha, dtype=float), forced)
@@ -82,7 +99,7 @@ def search_method(
     upper, lower : float
         Range of the parameter, in the unit of ``u``.
     starts : array_like of int
-        First sample of each experiment.
+        First sample of each experiment; a map with memory starts anew there.
 
     Returns
     -------
@@ -95,6 +112,8 @@ def search_method(
         If a value is not finite or the lengths differ.
     IdentifiabilityError
         If there are too few samples.
+    UsageError
+        If the range or the starts are not in order.
 
     Examples
     --------
@@ -107,7 +126,11 @@ def search_method(
     """
     signal, output = _pair(u, y)
     regression = LaggedRegression.arx(output, order, starts=starts)
-    return search_pieces(regression, nonlinearity.pieces(signal, lower, upper))
+    # Each experiment has its own pieces: a map with memory starts anew.
+    first = experiment_starts(starts, signal.size)
+    edges = [*first[1:], signal.size]
+    parts = [nonlinearity.pieces(signal[a:b], lower, upper) for a, b in zip(first, edges, strict=True)]
+    return search_pieces(regression, AffinePieces.joined(parts))
 
 
 def two_sided_search_method(

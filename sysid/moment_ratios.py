@@ -1,5 +1,6 @@
 """Parameters of a map from ratios of its input moments: Bai (2002), eqs. (3.5)-(3.16), corrected."""
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -7,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from sysid.errors import IdentifiabilityError
+from sysid.errors import IdentifiabilityError, UsageError
 
 Floats = NDArray[np.float64]
 
@@ -28,6 +29,29 @@ class Solution(NamedTuple):
     regular: bool
 
 
+def _checked(ratios: Sequence[float], *widths: float) -> None:
+    """Refuse ratios and half-widths from which no equation can be built."""
+    if not all(math.isfinite(c) for c in ratios):
+        raise IdentifiabilityError(
+            f"the ratios of moments {[float(c) for c in ratios]} are not all finite: "
+            "an input did not excite the system; use wider inputs or more samples"
+        )
+    if not all(b > 0 and math.isfinite(b) for b in widths):
+        raise UsageError(f"half-widths of inputs {list(widths)} must be positive: give b > 0")
+    if widths[0] == widths[1]:
+        raise IdentifiabilityError(
+            f"both inputs have the half-width {widths[0]:g}, which leaves no equation: use two widths"
+        )
+
+
+def _solved(matrix: Floats, right: Floats) -> Floats:
+    if np.linalg.matrix_rank(matrix) < len(right):
+        raise IdentifiabilityError(
+            "the two moment equations are dependent: use inputs that weigh the two sides differently"
+        )
+    return np.asarray(np.linalg.solve(matrix, right))
+
+
 def saturation(c: float, b1: float, b2: float) -> Solution:
     r"""Solve (3.14): :math:`a^2 = 3 (c b_2 - b_1) b_1 b_2 / (c b_1 - b_2)` for uniform inputs.
 
@@ -44,21 +68,24 @@ def saturation(c: float, b1: float, b2: float) -> Solution:
     >>> saturation(q(2.0) / q(3.0), 2.0, 3.0).parameters.round(12).tolist()
     [1.0]
     """
-    square = 3 * (c * b2 - b1) * b1 * b2 / (c * b1 - b2)
-    return Solution(np.array([np.sqrt(abs(square))]), square >= 0)
+    _checked([c], b1, b2)
+    square = 3 * (c * b2 - b1) * b1 * b2 / (c * b1 - b2) if c * b1 != b2 else math.inf
+    return Solution(np.array([math.sqrt(abs(square))]), 0 <= square <= min(b1, b2) ** 2)
 
 
 def dead_zone(c: float, b1: float, b2: float) -> Solution:
-    """Solve the cubic (3.16) for its root in (0, b1), where b1 < b2.
+    """Solve the cubic (3.16) for its root between 0 and the smaller half-width.
 
     Without a real root there the nearest end of the interval is returned as irregular.
     """
+    _checked([c], b1, b2)
+    end = min(b1, b2)
     roots = np.roots([c * b1 - b2, 0.0, 3 * b1 * b2 * (b1 - c * b2), 2 * b1 * b2 * (c * b2**2 - b1**2)])
     real = roots.real[np.abs(roots.imag) < 1e-9 * max(b1, b2)]
-    inside = real[(real > 0) & (real < b1)]
+    inside = real[(real > 0) & (real < end)]
     if inside.size:
         return Solution(inside[:1], True)
-    return Solution(np.clip(real[np.argmin(np.abs(real - b1 / 2))], 0, b1).reshape(1), False)
+    return Solution(np.clip(real[np.argmin(np.abs(real - end / 2))], 0, end).reshape(1), False)
 
 
 def two_sided_relay(c1: float, c2: float, b1: float, b2: float, d1: float, d2: float) -> Solution:
@@ -70,17 +97,22 @@ def two_sided_relay(c1: float, c2: float, b1: float, b2: float, d1: float, d2: f
         (b_2 - c_1 b_1)(a_1^2 + a_2^2) &= 2 b_1^2 b_2 - 2 c_1 b_1 b_2^2 \\
         (1 - 2 b_1 c_2 d_2^2/D) a_1^2 + (1 - 2 b_1 c_2 d_1^2/D) a_2^2 &= 2 b_1^2 - 4 b_1 c_2 d_1^2 d_2^2/D
     """
+    _checked([c1, c2], b1, b2, d1, d2)
     d = d1 * d2**2 + d2 * d1**2
     matrix = np.array(
         [[b2 - c1 * b1, b2 - c1 * b1], [1 - 2 * b1 * c2 * d2**2 / d, 1 - 2 * b1 * c2 * d1**2 / d]]
     )
     right = np.array([2 * b1**2 * b2 - 2 * c1 * b1 * b2**2, 2 * b1**2 - 4 * b1 * c2 * d1**2 * d2**2 / d])
-    squares = np.linalg.solve(matrix, right)
-    return Solution(np.sqrt(np.abs(squares)), bool(np.all(squares >= 0)))
+    squares = _solved(matrix, right)
+    limits = np.array([min(b1, b2, d1), min(b1, b2, d2)]) ** 2
+    return Solution(np.sqrt(np.abs(squares)), bool(np.all((squares >= 0) & (squares <= limits))))
 
 
 def preload_sum(c1: float, b1: float, b2: float) -> float:
     """Return a1 + a2 of a two-sided preload, the first row of (3.12)."""
+    _checked([c1], b1, b2)
+    if b2 * c1 == b1:
+        return math.inf
     return 4 * (b1**2 - b2**2 * c1) / (3 * (b2 * c1 - b1))
 
 
@@ -90,9 +122,10 @@ def two_sided_preload(c1: float, c2: float, b1: float, b2: float, b3: float) -> 
     ``c2`` must be the ratio of the plain moments E[xu]; the third input has a nonzero mean, so the
     correlations of eq. (3.2) do not deliver it (see `preload_from_offset`).
     """
+    _checked([c1, c2], b1, b2, b3)
     matrix = np.array([[1.0, 1.0], [b3 * c2 / 2 - b1 / 4, b3 * c2 / 4 - b1 / 4]])
     right = np.array([preload_sum(c1, b1, b2), b1**2 / 3 - 2 * b3**2 * c2 / 3])
-    parameters = np.linalg.solve(matrix, right)
+    parameters = _solved(matrix, right)
     return Solution(parameters, bool(np.all(parameters >= 0)))
 
 
@@ -116,8 +149,13 @@ def preload_from_offset(
     """
     total = preload_sum(c1, b1, b2)
     q = b1**2 / 3 + b1 * total / 4
-    gain = float(np.sum(scaled_beta)) / q / (1 - float(np.sum(alpha)))
-    difference = 2 * mean / gain
+    static, slip = float(np.sum(scaled_beta)), 1 - float(np.sum(alpha))
+    if static == 0 or slip == 0 or not math.isfinite(total):
+        raise IdentifiabilityError(
+            f"the sums of beta {static:g} and of alpha {1 - slip:g} with c = {float(c1):g} give no static "
+            "gain to turn the offset of the output into a2 - a1: use more samples or other inputs"
+        )
+    difference = 2 * mean * q * slip / static
     parameters = np.array([(total - difference) / 2, (total + difference) / 2])
     return Solution(parameters, bool(np.all(parameters >= 0)))
 

@@ -212,6 +212,8 @@ def read_results(folder: Path) -> dict[str, Any]:
         results = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise UsageError(f"{path} does not exist: run `sysid replicate --out {folder}` first") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"{path} cannot be read ({error}): give the folder of a replication") from None
     except json.JSONDecodeError as error:
         raise UsageError(f"{path} is not JSON (line {error.lineno}): run the replication again") from None
     if not isinstance(results, dict) or results.get("schema") != SCHEMA:

@@ -13,7 +13,12 @@ All estimators here minimise :math:`\|y - \Phi(\eta)\theta\|^2`.  The linear par
 from sysid.separable.descent import Minimum, Status, levenberg_marquardt
 from sysid.separable.estimate import SeparableFit
 from sysid.separable.factor import BlockedQR, Projection, project
-from sysid.separable.lagged import LaggedRegression, search_pieces, search_two_pieces
+from sysid.separable.lagged import (
+    LaggedRegression,
+    experiment_starts,
+    search_pieces,
+    search_two_pieces,
+)
 from sysid.separable.search import search
 from sysid.separable.variable_projection import (
     Regression,
@@ -30,6 +35,7 @@ __all__ = [
     "Regression",
     "SeparableFit",
     "Status",
+    "experiment_starts",
     "fit",
     "golub_pereyra_jacobian",
     "kaufman_jacobian",

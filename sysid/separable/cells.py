@@ -93,10 +93,8 @@ def _change_sample(
 
 
 @compiled
-def _cost_and_slope(
-    gram: Floats, n_fixed: int, n_lags: int, a: float, work: Floats, theta: Floats
-) -> tuple[float, float]:
-    """Cost and d(cost)/da at ``a`` from the Gram matrix; dependent columns are left out."""
+def _cost(gram: Floats, n_fixed: int, n_lags: int, a: float, work: Floats, theta: Floats) -> float:
+    """Cost and (in ``theta``) parameters at ``a`` from the Gram matrix, dependent columns left out."""
     n = n_fixed + n_lags
     y = n_fixed + 2 * n_lags
     for i in range(n_fixed):
@@ -128,6 +126,13 @@ def _cost_and_slope(
         for k in range(i + 1, n):
             value -= work[k, i] * theta[k]
         theta[i] = value / work[i, i] if work[i, i] > 0.0 else 0.0
+    return work[n, n]
+
+
+@compiled
+def _slope(gram: Floats, n_fixed: int, n_lags: int, a: float, theta: Floats) -> float:
+    """d(cost)/da at ``a``, where ``theta`` are the parameters."""
+    y = n_fixed + 2 * n_lags
     slope = 0.0
     for i in range(n_lags):
         qi = n_fixed + n_lags + i
@@ -137,7 +142,7 @@ def _cost_and_slope(
         for j in range(n_lags):
             inner -= (gram[qi, n_fixed + j] + a * gram[qi, n_fixed + n_lags + j]) * theta[n_fixed + j]
         slope -= 2.0 * theta[n_fixed + i] * inner
-    return work[n, n], slope
+    return slope
 
 
 @compiled
@@ -159,7 +164,8 @@ def _stationary_point(
         a = (left * slope_right - right * slope_left) / (slope_right - slope_left)
         if not left < a < right:
             a = 0.5 * (left + right)
-        _, slope = _cost_and_slope(gram, n_fixed, n_lags, a, work, theta)
+        _cost(gram, n_fixed, n_lags, a, work, theta)
+        slope = _slope(gram, n_fixed, n_lags, a, theta)
         if slope == 0.0:
             return a
         if slope < 0.0:
@@ -226,13 +232,18 @@ def _visit_cell(
     events: int,
     flat: bool,
     longest: float,
+    cost: float,
     state: Floats,
     candidate: Floats,
     minima: Floats,
     work: Floats,
     theta: Floats,
-) -> None:
-    """Walk along the profile of the cost inside one cell."""
+) -> float:
+    """Walk along the profile of the cost inside one cell.
+
+    ``cost`` is the cost at its left end if ``theta`` holds the parameters there, otherwise -1; what is
+    returned has the same meaning at its right end.
+    """
     y = gram.shape[0] - 1
     tolerance = _PLATEAU * gram[y, y]
     point = np.empty(_POINT)
@@ -240,27 +251,33 @@ def _visit_cell(
     point[_FLAT] = 1.0 if flat else 0.0
     if flat:
         point[_LOW], point[_HIGH] = left, right
-        point[_COST], _ = _cost_and_slope(gram, n_fixed, n_lags, left, work, theta)
+        point[_COST] = _cost(gram, n_fixed, n_lags, left, work, theta)
         _visit(state, candidate, minima, point, tolerance)
-        return
+        return -1.0
     n_parts = max(1, int(np.ceil((right - left) / longest)))
     a = left
-    cost, slope = _cost_and_slope(gram, n_fixed, n_lags, a, work, theta)
+    if cost < 0.0:
+        cost = _cost(gram, n_fixed, n_lags, a, work, theta)
+    slope = _slope(gram, n_fixed, n_lags, a, theta)
+    searched = False
     for part in range(n_parts):
         point[_LOW] = point[_HIGH] = a
         point[_COST] = cost
         _visit(state, candidate, minima, point, tolerance)
         b = right if part == n_parts - 1 else left + (part + 1) * (right - left) / n_parts
-        cost_b, slope_b = _cost_and_slope(gram, n_fixed, n_lags, b, work, theta)
-        if slope < 0.0 < slope_b:
+        cost_b = _cost(gram, n_fixed, n_lags, b, work, theta)
+        slope_b = _slope(gram, n_fixed, n_lags, b, theta)
+        searched = slope < 0.0 < slope_b
+        if searched:
             root = _stationary_point(gram, n_fixed, n_lags, a, slope, b, slope_b, work, theta)
             point[_LOW] = point[_HIGH] = root
-            point[_COST], _ = _cost_and_slope(gram, n_fixed, n_lags, root, work, theta)
+            point[_COST] = _cost(gram, n_fixed, n_lags, root, work, theta)
             _visit(state, candidate, minima, point, tolerance)
         a, cost, slope = b, cost_b, slope_b
     point[_LOW] = point[_HIGH] = right
     point[_COST] = cost
     _visit(state, candidate, minima, point, tolerance)
+    return -1.0 if searched else cost
 
 
 @compiled
@@ -325,6 +342,7 @@ def sweep(
     left = lower
     event = 0
     cell_events = 0
+    cost = -1.0
     while True:
         right = knot[event] if event < knot.size else upper
         # A knot that changes no row does not end a cell: look ahead to the first that does.
@@ -335,8 +353,8 @@ def sweep(
                 event += 1
                 continue
         if right > left:
-            _visit_cell(
-                gram, n_fixed, n_lags, left, right, cell_events, sloping == 0, longest,
+            cost = _visit_cell(
+                gram, n_fixed, n_lags, left, right, cell_events, sloping == 0, longest, cost,
                 state, candidate, minima, work, theta,
             )  # fmt: skip
         if event >= knot.size:
@@ -345,6 +363,9 @@ def sweep(
             k = sample[event]
             if used[k]:
                 sloping += int(new_slope[event] != 0.0) - int(q[k] != 0.0)
+                # Where the signal does not jump, cost and parameters carry over to the next cell.
+                if new_offset[event] + right * new_slope[event] != p[k] + right * q[k]:
+                    cost = -1.0
             _change_sample(
                 gram, fixed, y, times, row_of_time, lags, p, q, z, k, new_offset[event], new_slope[event]
             )

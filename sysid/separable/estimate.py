@@ -8,8 +8,11 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from sysid.separable.descent import Status
+from sysid.separable.factor import triangle
 
 Floats = NDArray[np.float64]
+
+_DEPENDENT = 1e-11  # a column whose part outside those before it is this small relative to its norm
 
 
 @dataclass(frozen=True)
@@ -24,9 +27,9 @@ class SeparableFit:
         Linear parameters.
     residual : ndarray, shape (n_rows,)
         :math:`y - \Phi\theta`.
-    jacobian_factor : ndarray, shape (n_eta + n_linear, n_eta + n_linear)
-        R of the Jacobian of the model output in (eta, theta); a row and column of NaN marks a
-        parameter without a derivative (a flat cell) or without information.
+    jacobian_factor : ndarray, shape (any, n_eta + n_linear)
+        A matrix F with :math:`F^TF = J^TJ`, J the Jacobian of the model output in (eta, theta); the
+        column of a parameter without a derivative (in a flat cell) is zero.
     status : Status
         Why the search ended.
     cells : tuple of (float, float)
@@ -73,12 +76,15 @@ class SeparableFit:
 
     @cached_property
     def covariance(self) -> Floats:
-        """Covariance of (eta, theta) for white residuals; NaN where a parameter has no derivative."""
-        size = self.jacobian_factor.shape[0]
-        known = np.flatnonzero(np.isfinite(np.diag(self.jacobian_factor)))
+        """Covariance of (eta, theta) for white residuals; NaN where the data do not determine one."""
+        size = self.jacobian_factor.shape[1]
+        factor = triangle(self.jacobian_factor)
+        norms = np.sqrt(np.einsum("ij,ij->j", factor, factor))
+        diagonal = np.zeros(size)
+        diagonal[: factor.shape[0]] = np.abs(np.diag(factor))
+        known = np.flatnonzero(diagonal > _DEPENDENT * norms)
         covariance = np.full((size, size), np.nan)
-        factor = self.jacobian_factor[np.ix_(known, known)]
-        inverse = solve_triangular(factor, np.eye(known.size))
+        inverse = solve_triangular(factor[np.ix_(known, known)], np.eye(known.size))
         covariance[np.ix_(known, known)] = self.noise_variance * inverse @ inverse.T
         return covariance
 
@@ -92,13 +98,3 @@ class SeparableFit:
         eta = ", ".join(f"{value:.6g}" for value in self.eta)
         theta = ", ".join(f"{value:.6g}" for value in self.theta)
         return f"SeparableFit(eta=[{eta}], theta=[{theta}], cost={self.cost:.6g}: {self.status.value})"
-
-
-def marked_factor(r: Floats, norms: Floats) -> Floats:
-    """Mark parameters that the data do not determine by NaN on the diagonal."""
-    size = r.shape[1]
-    factor = np.zeros((size, size))
-    factor[: r.shape[0]] = r
-    dependent = np.abs(np.diag(factor)) <= 1e-11 * norms
-    factor[dependent, dependent] = np.nan
-    return factor

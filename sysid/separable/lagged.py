@@ -10,7 +10,7 @@ from sysid.errors import IdentifiabilityError, UsageError
 from sysid.nonlinearities.pieces import AffinePieces
 from sysid.separable import cells
 from sysid.separable.descent import Status
-from sysid.separable.estimate import SeparableFit, marked_factor
+from sysid.separable.estimate import SeparableFit
 from sysid.separable.factor import finite, project, triangle
 
 Floats = NDArray[np.float64]
@@ -70,22 +70,22 @@ class LaggedRegression:
         output = finite(y)
         if order < 1:
             raise UsageError(f"order is {order}: give at least 1")
-        edges = np.append(np.asarray(starts, dtype=np.int64), output.size)
-        lengths = np.diff(edges)
-        if edges[0] != 0 or np.any(lengths <= order):
+        first = experiment_starts(starts, output.size)
+        edges = [*first, output.size]
+        shortest = min(b - a for a, b in pairwise(edges))
+        if shortest <= order:
             raise IdentifiabilityError(
-                f"an experiment of {int(lengths.min(initial=0))} samples is too short for order {order}: "
+                f"an experiment of {shortest} samples is too short for order {order}: "
                 f"give more than {order} samples in each"
             )
-        times = np.concatenate([np.arange(a + order, b, dtype=np.int64) for a, b in pairwise(edges)])
-        lags = np.arange(1, order + 1, dtype=np.int64)
+        parts = [np.arange(a + order, b, dtype=np.int64) for a, b in pairwise(edges)]
+        times = parts[0] if len(parts) == 1 else np.concatenate(parts)
         if times.size < 2 * order + 1:
             raise IdentifiabilityError(
                 f"{times.size} rows cannot determine {2 * order + 1} parameters: give more samples"
             )
-        fixed = np.empty((times.size, order))
-        for column, lag in enumerate(lags):
-            fixed[:, column] = output[times - lag]
+        lags = np.arange(1, order + 1, dtype=np.int64)
+        fixed = output[times[:, None] - lags]
         return cls(fixed, output[times], times, lags, output.size)
 
     @property
@@ -98,6 +98,23 @@ class LaggedRegression:
     def regressors(self, signal: Floats) -> Floats:
         """Return the regressors for a given signal, shape (n_rows, n_fixed + n_lags)."""
         return np.column_stack([self.fixed, *(signal[self.times - lag] for lag in self.lags)])
+
+
+def experiment_starts(starts: ArrayLike, n_samples: int) -> list[int]:
+    """Return the first samples of the experiments as integers.
+
+    Raises
+    ------
+    UsageError
+        If they are not 0 and then ascending sample numbers.
+    """
+    first = [int(start) for start in np.atleast_1d(np.asarray(starts)).tolist()]
+    if not first or first[0] != 0 or any(a >= b for a, b in pairwise([*first, n_samples])):
+        raise UsageError(
+            f"starts of experiments {first} do not begin with 0 and ascend below the {n_samples} samples: "
+            "give the first sample of each experiment in order"
+        )
+    return first
 
 
 def search_pieces(regression: LaggedRegression, pieces: AffinePieces) -> SeparableFit:
@@ -162,15 +179,18 @@ def _sweep(regression: LaggedRegression, pieces: AffinePieces) -> tuple[Floats, 
 
 def _best(regression: LaggedRegression, pieces: AffinePieces, minima: Floats, n_minima: int) -> SeparableFit:
     """Polish the minima that screening cannot tell apart and return the lowest."""
-    power = float(regression.y @ regression.y)
-    candidates = [row for row in minima if row[2] <= minima[0, 2] + _TIE * power]
-    best: SeparableFit | None = None
-    kept = np.column_stack([minima[:, :2].mean(axis=1), minima[:, 2]])[np.isfinite(minima[:, 2])]
-    for row in candidates:
+    minima = minima[: min(n_minima, cells.MAX_MINIMA)]
+    kept = np.empty((len(minima), 2))
+    kept[:, 0] = 0.5 * (minima[:, 0] + minima[:, 1])
+    kept[:, 1] = minima[:, 2]
+    tie = kept[0, 1] + _TIE * float(regression.y @ regression.y)
+    best = _polished(regression, pieces, minima[0], kept, n_minima)
+    for row in minima[1:]:
+        if row[2] > tie:
+            break
         fitted = _polished(regression, pieces, row, kept, n_minima)
-        if best is None or fitted.cost < best.cost:
+        if fitted.cost < best.cost:
             best = fitted
-    assert best is not None
     return best
 
 
@@ -198,15 +218,14 @@ def _polished(
 
 
 def _factor(r: Floats, theta: Floats, regression: LaggedRegression, flat: bool) -> Floats:
-    """R of the Jacobian [dx/da beta, fixed, x] from R of [fixed, x, dx/da, y]."""
+    """Factor of the Jacobian [dx/da beta, fixed, x] from R of [fixed, x, dx/da, y]."""
     n_lags = regression.lags.size
     n = theta.size
-    moved = r[:, n : n + n_lags] @ theta[n - n_lags :]
-    jacobian = np.column_stack([moved, r[:, :n]])
-    if flat:
-        jacobian[:, 0] = 0.0
-    norms = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
-    return marked_factor(triangle(jacobian), norms)
+    factor = np.zeros((n + n_lags, n + 1))
+    if not flat:
+        factor[:, 0] = r[:-1, n:-1] @ theta[n - n_lags :]
+    factor[:, 1:] = r[:-1, :n]
+    return factor
 
 
 def search_two_pieces(
@@ -288,12 +307,11 @@ def _joined(
     beta = inner.theta[-regression.lags.size :]
     moved = [regression.regressors(slope)[:, regression.fixed.shape[1] :] @ beta for slope in slopes]
     jacobian = np.column_stack([*moved, regression.regressors(first.at(a1) + second.at(a2))])
-    factor = marked_factor(triangle(jacobian), np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian)))
     return SeparableFit(
         eta=np.array([a1, a2]),
         theta=inner.theta,
         residual=inner.residual,
-        jacobian_factor=factor,
+        jacobian_factor=triangle(jacobian),
         status=Status.GLOBAL if exact else Status.GRID,
         cells=(outer.cells[0], inner.cells[0]),
         minima=minima[np.argsort(minima[:, -1])],

@@ -104,11 +104,8 @@ def search(
             intervals.append((float(edges[k]), float(edges[k + 1])))
         else:
             intervals.append((float(best[i]), float(best[i])))
-    factor = np.full((low.size + final.theta.size,) * 2, 0.0)
-    factor[: low.size, : low.size] = np.nan
-    factor[np.ix_(low.size + final.columns, low.size + final.columns)] = final.r
-    dropped = low.size + np.setdiff1d(np.arange(final.theta.size), final.columns)
-    factor[dropped, dropped] = np.nan
+    factor = np.zeros((final.rank, low.size + final.theta.size))
+    factor[:, low.size + final.columns] = final.r
     return SeparableFit(
         eta=best,
         theta=final.theta,

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_triangular
 
 from sysid.separable.descent import levenberg_marquardt
-from sysid.separable.estimate import SeparableFit, marked_factor
+from sysid.separable.estimate import SeparableFit
 from sysid.separable.factor import Projection, finite, project, triangle
 
 Floats = NDArray[np.float64]
@@ -166,5 +166,4 @@ def fit(
 def _jacobian_factor(regression: Regression, eta: Floats, projection: Projection) -> Floats:
     """R of the model's Jacobian in (eta, theta)."""
     moved = (regression.derivative(eta) @ projection.theta).T
-    jacobian = np.column_stack([moved, regression.regressors(eta)])
-    return marked_factor(triangle(jacobian), np.linalg.norm(jacobian, axis=0))
+    return triangle(np.column_stack([moved, regression.regressors(eta)]))
