@@ -47,7 +47,11 @@ def demo_results() -> dict:
         "n_runs": 1000, "failed": 0, "parameters": parameters}}, "tables": {}, "numbers": {}, "timings": {}}  # fmt: skip
     plain = {"title": "A paper without a notebook", "claims": claims[:1], "gates": gates[:2],
              "monte_carlo": {"case_1": paper["monte_carlo"]["preload"]}}  # fmt: skip
-    return {"schema": 1, "provenance": provenance, "papers": {"demo": {"title": "Demo (2002) <&>", **paper}, "plain": plain}}
+    return {
+        "schema": 1,
+        "provenance": provenance,
+        "papers": {"demo": {"title": "Demo (2002) <&>", **paper}, "plain": plain},
+    }
 
 
 def write_demo(folder: Path) -> Path:

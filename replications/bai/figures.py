@@ -4,14 +4,22 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from sysid.reporting.display import Display
-from sysid.reporting.style import COLOURS, GREY
 
 from replications.bai import example_2, setting
 from replications.bai.example_1 import one_parameter_map
 from sysid.reporting import display
+from sysid.reporting.display import Display
+from sysid.reporting.style import COLOURS, GREY
 
 Results = Mapping[str, Any]
+
+SHORT_TITLES = {
+    **{case: one_parameter_map(case).title for case in setting.CASES},
+    "hysteresis-relay": "Hysteresis relay",
+    "hysteresis": "Hysteresis",
+    "hysteresis-relay-schmitt": "Schmitt trigger",
+    "hysteresis-play": "Play operator",
+}
 
 
 def block_diagram() -> Display:
@@ -50,7 +58,7 @@ def maps() -> Display:
         panel.axhline(0, color=GREY, linewidth=0.5)
         panel.axvline(0, color=GREY, linewidth=0.5)
         panel.plot(sweep[300:], drawn[300:], color=COLOURS[0])
-        panel.set_title(nonlinearity.title, fontsize=9)
+        panel.set_title(SHORT_TITLES[case], fontsize=9)
     for panel in axes[-1]:
         panel.set_xlabel("input u")
     for panel in axes[:, 0]:
@@ -58,8 +66,9 @@ def maps() -> Display:
     return display.figure(
         drawing,
         "Figure 2 regenerated from the implemented maps, $a = 1$: output along a slow sweep up and down.",
-        "The last two are the physical readings of the hysteretic maps. Along a slow sweep they agree with "
-        "the printed rules but for the moment of reversal; under a random input they do not.",
+        "The last two are physical readings of the hysteretic maps. Along a slow sweep the Schmitt trigger and "
+        "the printed relay agree; the play operator holds its output after a reversal, where the printed rule "
+        "jumps.",
     )
 
 
@@ -76,14 +85,12 @@ def cost_curves(results: Results) -> Display:
         panel.plot(curve["minima"], curve["minima_j"], "v", color=COLOURS[1], markersize=3.5)
         panel.plot(curve["found"], curve["found_j"], "o", color="black", markersize=5, markerfacecolor="none")
         panel.set_yscale("log")
-        panel.set_title(one_parameter_map(case).title, fontsize=9)
+        panel.set_title(SHORT_TITLES[case], fontsize=9)
     for panel in axes[-1]:
         panel.set_xlabel("a")
     for panel in axes[:, 0]:
         panel.set_ylabel("J(a)")
-    counts = ", ".join(
-        f"{one_parameter_map(case).title.lower()} {curves[case]['n_minima']}" for case in setting.CASES
-    )
+    counts = ", ".join(f"{SHORT_TITLES[case].lower()} {curves[case]['n_minima']}" for case in setting.CASES)
     return display.figure(
         drawing,
         "Figure 3 regenerated: $J(a)$ of one experiment of 100 samples. Circle: minimum found; triangles: "
@@ -104,16 +111,19 @@ def consistency(results: Results) -> Display:
             look = display.series(index, marker=True)
             if index >= len(COLOURS):
                 look |= {"color": GREY, "marker": "*"}
-            panel.loglog(sizes, rmse, label=one_parameter_map(case).title, **look, linewidth=1.0)
+            panel.loglog(sizes, rmse, label=SHORT_TITLES[case], **look, linewidth=1.0)
         panel.set_xlabel("samples N")
         panel.set_title(f"error of ${name}$")
+    reference = np.array(sizes, dtype=float)
+    for panel, line, power in (
+        (axes[0], 1.5 / reference, "-1"),
+        (axes[1], 0.45 / np.sqrt(reference), "-1/2"),
+    ):
+        panel.loglog(sizes, line, "-", color=GREY, linewidth=0.8)
+        panel.annotate(f"$N^{{{power}}}$", (sizes[-1], line[-1]), xytext=(2, -3), textcoords="offset points",
+                       color=GREY, annotation_clip=False)  # fmt: skip
         panel.set_xticks(sizes, [str(n) for n in sizes], fontsize=7.5)
         panel.minorticks_off()
-    reference = np.array(sizes, dtype=float)
-    axes[0].loglog(sizes, 4.5 / reference, color=GREY, linewidth=0.8)
-    axes[0].text(1500, 0.0016, r"$N^{-1}$", color=GREY)
-    axes[1].loglog(sizes, 0.45 / np.sqrt(reference), color=GREY, linewidth=0.8)
-    axes[1].text(2200, 0.012, r"$N^{-1/2}$", color=GREY)
     axes[0].set_ylabel("RMSE")
     axes[0].legend(fontsize=7, loc="lower left")
     return display.figure(

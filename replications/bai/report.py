@@ -3,13 +3,12 @@
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.reporting.display import Display, Markdown
-
 from replications.bai import example_2, setting
 from replications.bai.example_1 import one_parameter_map
 from replications.bai.figures import block_diagram, consistency, cost_curves, example_2_bands, maps
 from replications.bai.worked import WORKED
 from sysid.reporting import display
+from sysid.reporting.display import Display, Markdown
 
 __all__ = [
     "block_diagram", "confirmed", "consistency", "cost_curves", "errata", "example_2_bands",
@@ -30,9 +29,7 @@ def _title(case: str) -> str:
 
 
 def _row(values: list[float] | None) -> str | None:
-    return (
-        None if values is None else ", ".join(display.number(round(value, 4), digits=4) for value in values)
-    )
+    return None if values is None else ", ".join(f"{value:.3g}".replace("-", "−") for value in values)
 
 
 def table_1(results: Results) -> Display:

@@ -111,7 +111,9 @@ def _output_blocks(output: Any) -> Blocks:
     if "text/latex" in data:
         return [equation(data["text/latex"].strip().strip("$"))]
     if "image/svg+xml" in data or "image/png" in data:
-        raise ReportError("the output is a picture without caption; show it by display.figure(figure, caption)")
+        raise ReportError(
+            "the output is a picture without caption; show it by display.figure(figure, caption)"
+        )
     return [{"t": "pre", "s": data["text/plain"]}] if "text/plain" in data else []
 
 
@@ -182,4 +184,6 @@ def _anchor(node: Node, anchors: set[str], place: str) -> str:
     for candidate in (f"{node.get('chapter')}-{target}", target):
         if candidate in anchors:
             return candidate
-    raise ReportError(f"{place}: the link {node['url']} leads nowhere; sections are {', '.join(sorted(anchors))}")
+    raise ReportError(
+        f"{place}: the link {node['url']} leads nowhere; sections are {', '.join(sorted(anchors))}"
+    )

@@ -34,7 +34,9 @@ def summary(results: Results) -> tuple[str, bool]:
     >>> summary({"papers": {"bai": {"gates": [{"id": "a", "passed": True}, {"id": "b", "passed": False}]}}})
     ('1 of 2 gates passed; red: bai/b.', False)
     """
-    records = [(paper, gate) for paper, content in results["papers"].items() for gate in content.get("gates", [])]
+    records = [
+        (paper, gate) for paper, content in results["papers"].items() for gate in content.get("gates", [])
+    ]
     red = [f"{paper}/{gate['id']}" for paper, gate in records if not gate.get("passed")]
     if not records:
         return "No gates were run.", False

@@ -75,7 +75,9 @@ def inline_html(nodes: Inline) -> str:
 
 
 def _title(node: Node) -> str:
-    return f'<header><h1>{inline_html(node["c"])}</h1>\n<p class="lead">{inline_html(node["lead"])}</p></header>'
+    return (
+        f'<header><h1>{inline_html(node["c"])}</h1>\n<p class="lead">{inline_html(node["lead"])}</p></header>'
+    )
 
 
 def _chapter(node: Node) -> str:
@@ -102,7 +104,9 @@ def _item(blocks: Blocks) -> str:
 
 def _equation(node: Node) -> str:
     tag = f'<span class="tag">({escape(node["tag"])})</span>' if node["tag"] else ""
-    return f'<div class="equation" tabindex="0" role="group" aria-label="equation">{node["mathml"]}{tag}</div>'
+    return (
+        f'<div class="equation" tabindex="0" role="group" aria-label="equation">{node["mathml"]}{tag}</div>'
+    )
 
 
 def _label(node: Node, kind: str) -> str:
@@ -110,7 +114,11 @@ def _label(node: Node, kind: str) -> str:
 
 
 def _table(node: Node) -> str:
-    caption = f"<caption>{_label(node, 'Table')}{inline_html(node['caption'])}</caption>\n" if node["caption"] else ""
+    caption = (
+        f"<caption>{_label(node, 'Table')}{inline_html(node['caption'])}</caption>\n"
+        if node["caption"]
+        else ""
+    )
     sides = [column["align"] for column in node["columns"]]
     heads = "".join(
         f'<th scope="col" class="{side}">{inline_html(column["c"])}</th>'
@@ -141,7 +149,9 @@ def _figure(node: Node) -> str:
 
 
 def _facts(node: Node) -> str:
-    items = "".join(f"<dt>{inline_html(term)}</dt><dd>{inline_html(value)}</dd>\n" for term, value in node["items"])
+    items = "".join(
+        f"<dt>{inline_html(term)}</dt><dd>{inline_html(value)}</dd>\n" for term, value in node["items"]
+    )
     return f'<dl class="facts">\n{items}</dl>'
 
 

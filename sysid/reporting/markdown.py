@@ -110,7 +110,9 @@ def _block(token: dict[str, Any]) -> Blocks:
         case "list":
             attrs = token["attrs"]
             items = [_blocks(item["children"]) for item in token["children"]]
-            return [{"t": "list", "ordered": attrs["ordered"], "start": attrs.get("start", 1), "items": items}]
+            return [
+                {"t": "list", "ordered": attrs["ordered"], "start": attrs.get("start", 1), "items": items}
+            ]
         case "table":
             return [_table(token)]
     raise ReportError(f"the markdown construct {kind!r} is not supported; write it in plainer markdown")
@@ -177,5 +179,7 @@ def _inline_node(token: dict[str, Any]) -> Node:
 def _link(token: dict[str, Any]) -> Node:
     url = token["attrs"]["url"]
     if not _SAFE_LINK.match(url):
-        raise ReportError(f"the link to {url!r} would break outside the results folder; use https: or #section")
+        raise ReportError(
+            f"the link to {url!r} would break outside the results folder; use https: or #section"
+        )
     return {"t": "link", "url": url, "c": _inline(token["children"])}

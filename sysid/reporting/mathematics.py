@@ -65,7 +65,9 @@ def math_font_file() -> Path:
     """Find the STIX Two Math font that the ``ziamath`` package ships."""
     spec = importlib.util.find_spec("ziamath")
     if spec is None or spec.origin is None:
-        raise ReportError("the package ziamath, whose mathematics font the reports use, is missing; install it")
+        raise ReportError(
+            "the package ziamath, whose mathematics font the reports use, is missing; install it"
+        )
     return Path(spec.origin).parent / "fonts" / "STIXTwoMath-Regular.ttf"
 
 

@@ -110,7 +110,9 @@ def _translate(element: Element) -> str:
             return _under_over(element)
         case "mtable":
             return _table(element)
-    raise ReportError(f"the PDF cannot show the MathML construct <{element.tag}>; write the formula in other LaTeX")
+    raise ReportError(
+        f"the PDF cannot show the MathML construct <{element.tag}>; write the formula in other LaTeX"
+    )
 
 
 def _identifier(element: Element) -> str:
