@@ -143,9 +143,7 @@ def example_2_bands(results: Results) -> Display:
         found = monte_carlo[f"example-2/{name}"]["parameters"]["a"]
         median = results["papers"]["bai"]["numbers"].get(f"example-2/{name}/median/a", found["mean"])
         colour = COLOURS[1] if "shared" in name else COLOURS[2] if name == "separable" else COLOURS[0]
-        panel.plot(
-            [found["q025"], found["q975"]], [row, row], color=colour, linewidth=3, solid_capstyle="butt"
-        )
+        panel.plot([found["q025"], found["q975"]], [row, row], "-", color=colour, linewidth=3)
         panel.plot(median, row, "|", color="black", markersize=9)
     panel.axvline(example_2.PRINTED[0], color=GREY, linewidth=0.9)
     panel.text(example_2.PRINTED[0], len(names) - 0.35, "printed 1.005", ha="center", fontsize=8, color=GREY)
