@@ -126,7 +126,7 @@ def _cost(gram: Floats, n_fixed: int, n_lags: int, a: float, work: Floats, theta
         for k in range(i + 1, n):
             value -= work[k, i] * theta[k]
         theta[i] = value / work[i, i] if work[i, i] > 0.0 else 0.0
-    return work[n, n]
+    return float(work[n, n])
 
 
 @compiled
