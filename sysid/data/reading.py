@@ -49,7 +49,7 @@ def read_record(
     separator: str | None = None,
     decimal: str | None = None,
 ) -> Record:
-    """Read a record from a CSV file, plain or compressed (``.gz``).
+    r"""Read a record from a CSV file, plain or compressed (``.gz``).
 
     Separator, decimal comma, byte order mark and comment lines are detected.  A JSON file of the
     same name beside the table may give ``units``, ``Ts`` [s] and ``splits.<set>.skip``, which are
@@ -87,7 +87,7 @@ def read_record(
     >>> import pathlib, tempfile
     >>> folder = tempfile.TemporaryDirectory()
     >>> table = pathlib.Path(folder.name, "pump.csv")
-    >>> _ = table.write_text("t;u;y\\n" + "".join(f"{k};{k % 3};{k % 5},5\\n" for k in range(40)))
+    >>> _ = table.write_text("t;u;y\n" + "".join(f"{k};{k % 3};{k % 5},5\n" for k in range(40)))
     >>> read_record(table, time="t")
     Record('pump': 40 rows at 1 s, u -> y, 1 experiment, estimation 30, validation 10, test sets: none)
     >>> folder.cleanup()
@@ -248,7 +248,7 @@ def _read_table(path: Path, dialect: Dialect, wanted: Sequence[str], texts: Sequ
         "low_memory": False,
     }
     try:
-        table = pd.read_csv(path, **options)
+        table: pd.DataFrame = pd.read_csv(path, **options)
     except (pd.errors.ParserError, UnicodeError, EOFError, OSError) as problem:
         raise DataError(f"{path} cannot be read as a table: {problem}".replace("\n", " ").strip()) from None
     if len(table) == 0:
@@ -333,5 +333,7 @@ def _known_period(period: float | None, notes: Mapping[str, Any]) -> float:
         return period
     if isinstance(notes.get("Ts"), int | float):
         return float(notes["Ts"])
-    raise UsageError("the sampling period is not known: give it in seconds (--period 0.01) or name the "
-                     "time column (--time t)")
+    raise UsageError(
+        "the sampling period is not known: give it in seconds (--period 0.01) or name the "
+        "time column (--time t)"
+    )

@@ -25,7 +25,10 @@ def add_data_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("measurements")
     group.add_argument("data", metavar="DATA", type=Path, help="CSV file, plain or .gz, with a header row")
     group.add_argument(
-        "--input", metavar="NAME", action="append", help="input column; again for each further one (default: u)"
+        "--input",
+        metavar="NAME",
+        action="append",
+        help="input column; again for each further one (default: u)",
     )
     group.add_argument("--output", metavar="NAME", default="y", help="output column (default: y)")
     group.add_argument("--period", metavar="SECONDS", type=float, help="sampling period")
@@ -33,10 +36,14 @@ def add_data_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--split-column", metavar="NAME", help="column with train or est, val, and names that begin with test"
     )
-    group.add_argument("--experiment-column", metavar="NAME", help="column whose value changes with the experiment")
+    group.add_argument(
+        "--experiment-column", metavar="NAME", help="column whose value changes with the experiment"
+    )
     group.add_argument("--skip", metavar="N", type=int, help="rows not scored at the start of each test set")
     group.add_argument(
-        "--initial-state", choices=("estimate", "rest"), default="estimate",
+        "--initial-state",
+        choices=("estimate", "rest"),
+        default="estimate",
         help="state at the start of each experiment (default: estimate)",
     )
 
@@ -48,9 +55,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_data_arguments(parser)
     group = parser.add_argument_group("model")
     group.add_argument("--model", default="linear", help="model to compare (default: linear)")
-    group.add_argument("--order", metavar="N", type=int, help="order of the model (default: chosen from the data)")
+    group.add_argument(
+        "--order", metavar="N", type=int, help="order of the model (default: chosen from the data)"
+    )
     group = parser.add_argument_group("results")
-    group.add_argument("--html", metavar="FILE", type=Path, help="page (default: sysid-out/<record>.compare.html)")
+    group.add_argument(
+        "--html", metavar="FILE", type=Path, help="page (default: sysid-out/<record>.compare.html)"
+    )
     group.add_argument("--json", metavar="FILE", type=Path, help="numbers for other programs")
 
 

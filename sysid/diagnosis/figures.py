@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.diagnosis.wording import ordinal, percent, quantity, significant
-from sysid.reporting.style import COLOURS, GREY, MARKERS, series, style, subplots, svg
+from sysid.reporting.style import COLOURS, GREY, LINE_STYLES, MARKERS, series, style, subplots, svg
 
 if TYPE_CHECKING:
     from sysid.diagnosis.compare import Comparison
@@ -112,7 +112,11 @@ def overview(comparison: "Comparison", width: float, height: float) -> tuple[Any
         f"{percent(judged.free_run.nrmse)} of the signal, on {judged.n_rows} samples"
     )
     largest = float(np.nanmax(np.abs(y - model)))
-    return figure, f"Measurement and model on {comparison.judged}", f"{reading}; the largest error is {quantity(largest, judged.unit)}."
+    return (
+        figure,
+        f"Measurement and model on {comparison.judged}",
+        f"{reading}; the largest error is {quantity(largest, judged.unit)}.",
+    )
 
 
 def worst_stretch(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
@@ -126,7 +130,7 @@ def worst_stretch(comparison: "Comparison", width: float, height: float) -> tupl
     top.set_ylabel(_label(record, output))
     _legend(top)
     for index, name in enumerate(record.inputs):
-        bottom.step(t, record.u[rows, index], where="post", **_look(index + 2), label=name)
+        bottom.step(t, record.u[rows, index], where="post", **_input_look(index), label=name)
     bottom.set_ylabel(_label(record, record.inputs[0]) if len(record.inputs) == 1 else "inputs")
     bottom.set_xlabel("time [s]")
     figure.align_ylabels()
@@ -135,22 +139,20 @@ def worst_stretch(comparison: "Comparison", width: float, height: float) -> tupl
     overall = comparison.score_of(comparison.judged)
     ratio = local / overall.free_run.rmse if overall.free_run.rmse > 0.0 else 1.0
     reading = (
-        f"Here the error is {quantity(local, overall.unit)} RMSE, {significant(ratio, 2)} times that of the whole set; "
-        f"its mean is {quantity(float(np.nanmean(error)), overall.unit)}."
+        f"Here the error is {quantity(local, overall.unit)} RMSE, {significant(ratio, 2)} times that of the "
+        f"whole set; its mean is {quantity(float(np.nanmean(error)), overall.unit)}."
     )
     return figure, f"The worst stretch of {comparison.judged}, with the input", reading
 
 
 def spectrum(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
     """Draw the spectra of measurement and error."""
-    from scipy.signal import welch
-
     record, rows = comparison.record, _scored(comparison)
     y = record.y[rows, 0]
     error = y - comparison.prediction.free_run[rows]
     length = min(y.size, max(64, 1 << int(np.log2(y.size / 8))))
-    frequency, power = welch(y, 1.0 / record.period, nperseg=length)
-    _, error_power = welch(error, 1.0 / record.period, nperseg=length)
+    frequency, power = power_density(y, record.period, length)
+    _, error_power = power_density(error, record.period, length)
     figure, axes = subplots(width=width, height=height)
     unit = record.unit(record.outputs[0])
     axes.loglog(frequency[1:], np.sqrt(power[1:]), **_look(0), label=MEASURED)
@@ -163,10 +165,43 @@ def spectrum(comparison: "Comparison", width: float, height: float) -> tuple[Any
     ratio = error_power[1:] / np.maximum(power[1:], 1e-300)
     dominated = float(power[1:][ratio < 1.0].sum() / max(float(power[1:].sum()), 1e-300))
     reading = (
-        f"90 % of the error lies below {quantity(middle, 'Hz')}; frequencies at which the error is smaller than the "
-        f"signal hold {percent(dominated)} of the signal."
+        f"90 % of the error lies below {quantity(middle, 'Hz')}; frequencies at which the error is smaller "
+        f"than the signal hold {percent(dominated)} of the signal."
     )
     return figure, "Spectrum of measurement and error", reading
+
+
+def power_density(values: "Floats", period: float, length: int) -> tuple["Floats", "Floats"]:
+    """Return frequencies [Hz] and the one-sided power density by Welch's method.
+
+    Hann windows that overlap by half, each less its mean.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n_samples,)
+    period : float
+        Sampling period [s].
+    length : int
+        Rows in each window.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> frequency, power = power_density(np.sin(0.5 * np.arange(4000.0)), 1.0, 500)
+    >>> round(float(np.sum(power) * frequency[1]), 3)  # the power of a sine
+    0.5
+    """
+    starts = np.arange(0, values.size - length + 1, max(length - length // 2, 1))
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
+    power = np.zeros(length // 2 + 1)
+    for start in starts:
+        piece = values[start : start + length]
+        power += np.abs(np.fft.rfft(window * (piece - piece.mean()))) ** 2
+    power *= 2.0 * period / (starts.size * float(window @ window))
+    power[0] *= 0.5
+    if length % 2 == 0:
+        power[-1] *= 0.5
+    return np.fft.rfftfreq(length, period), power
 
 
 def correlations(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
@@ -174,20 +209,27 @@ def correlations(comparison: "Comparison", width: float, height: float) -> tuple
     tests = list(comparison.tests.items())[:2]
     beside = width > NARROW
     figure, grid = subplots(
-        1 if beside else len(tests), len(tests) if beside else 1, width=width,
-        height=height if beside else 1.6 * height, squeeze=False,
+        1 if beside else len(tests),
+        len(tests) if beside else 1,
+        width=width,
+        height=height if beside else 1.6 * height,
+        squeeze=False,
     )
     for axes, (name, test) in zip(grid.ravel(), tests, strict=True):
         axes.fill_between(test.lags, -test.band, test.band, color="#d9d9d9", linewidth=0, label="99 % band")
         axes.vlines(test.lags, 0.0, test.correlation, color=COLOURS[0], linewidth=1.2)
-        axes.plot(test.lags, test.correlation, linestyle="none", marker=MARKERS[0], markersize=2.6, color=COLOURS[0])
+        axes.plot(
+            test.lags, test.correlation, linestyle="none", marker=MARKERS[0], markersize=2.6, color=COLOURS[0]
+        )
         axes.axhline(0.0, color=GREY, linewidth=0.6)
         axes.set_xlabel("lag [samples]")
         axes.set_ylabel("residual with itself" if name == "whiteness" else "input with residual")
         _legend(axes)
     words = [
         "the residual is white" if tests[0][1].passed else "the residual has a memory",
-        "no linear trace of the input is left in it" if tests[1][1].passed else "it still follows the input linearly",
+        "no linear trace of the input is left in it"
+        if tests[1][1].passed
+        else "it still follows the input linearly",
     ]
     reading = f"Bars beyond the grey band speak against chance: {words[0]}, and {words[1]}."
     return figure, "Correlation of the residual with itself and with the input", reading
@@ -203,12 +245,23 @@ def orders(comparison: "Comparison", width: float, height: float) -> tuple[Any, 
         axes.plot(*zip(*points, strict=True), **series(index, marker=True), label=f"delay {delay}")
     fit = choice.fit
     chosen = min(
-        (c for c in choice.candidates if (c.order, c.delay, c.constant) == (fit.order, fit.delay, fit.structure.constant)),
+        (
+            c
+            for c in choice.candidates
+            if (c.order, c.delay, c.constant) == (fit.order, fit.delay, fit.structure.constant)
+        ),
         key=lambda c: c.validation_rms,
     )
     axes.plot(
-        chosen.order, chosen.validation_rms, linestyle="none", marker="o", markersize=11, markerfacecolor="none",
-        markeredgecolor="#000000", markeredgewidth=1.2, label="chosen",
+        chosen.order,
+        chosen.validation_rms,
+        linestyle="none",
+        marker="o",
+        markersize=11,
+        markerfacecolor="none",
+        markeredgecolor="#000000",
+        markeredgewidth=1.2,
+        label="chosen",
     )
     axes.set_yscale("log")
     axes.set_xlabel("order of the model")
@@ -218,8 +271,8 @@ def orders(comparison: "Comparison", width: float, height: float) -> tuple[Any, 
     best = min(c.validation_rms for c in choice.candidates)
     unit = record.unit(record.outputs[0])
     reading = (
-        f"The {ordinal(chosen.order)}-order model chosen has {quantity(chosen.validation_rms, unit)}; the smallest error of "
-        f"all is {quantity(best, unit)}."
+        f"The {ordinal(chosen.order)}-order model chosen has {quantity(chosen.validation_rms, unit)}; "
+        f"the smallest error of all is {quantity(best, unit)}."
     )
     return figure, "Free-run error on the validation rows against the order", reading
 
@@ -228,9 +281,19 @@ def _look(index: int) -> dict[str, Any]:
     return series(index) | {"linewidth": 1.1}
 
 
+def _input_look(index: int) -> dict[str, Any]:
+    return {
+        "color": COLOURS[2 + index % 5],
+        "linestyle": LINE_STYLES[index % len(LINE_STYLES)],
+        "linewidth": 1.1,
+    }
+
+
 def _legend(axes: Any) -> None:
     if axes.get_legend_handles_labels()[1]:
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.1, columnspacing=1.2)
+        axes.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.1, columnspacing=1.2
+        )
 
 
 def _label(record: Any, name: str) -> str:
@@ -250,9 +313,9 @@ def _span(comparison: "Comparison") -> "np.ndarray[tuple[int], np.dtype[np.int64
     rows = _scored(comparison)
     part = next(part for part in record.slices if part.start <= rows[0] < part.stop)
     if comparison.judged == "validation":
-        return rows[rows < part.stop]
+        return np.asarray(rows[rows < part.stop])
     places = np.flatnonzero(record.split[part] == comparison.judged)
-    return part.start + places
+    return np.asarray(part.start + places)
 
 
 def _time(comparison: "Comparison", rows: Sequence[int] | Any) -> "Floats":
@@ -287,6 +350,3 @@ def _zoom_length(error: "Floats") -> int:
 
     wanted = max(ZOOMED_ROWS, 3 * block_length(np.nan_to_num(error) ** 2))
     return int(min(wanted, max(error.size // 4, min(60, error.size)), error.size))
-
-
-__all__ = ["Picture", "envelope", "pictures"]

@@ -102,7 +102,9 @@ def _pole(pole: complex, period: float) -> dict[str, str]:
             meaning = "alternates from sample to sample"
         else:
             meaning = f"{quantity(abs(s) / (2.0 * np.pi), 'Hz')}, damping {significant(-s.real / abs(s))}"
-    value = f"{pole.real:.6g}" + (f" {'+' if pole.imag > 0 else '−'} {abs(pole.imag):.6g}i" if abs(pole.imag) > 1e-12 else "")
+    value = f"{pole.real:.6g}" + (
+        f" {'+' if pole.imag > 0 else '−'} {abs(pole.imag):.6g}i" if abs(pole.imag) > 1e-12 else ""
+    )
     return {"value": value, "meaning": meaning}
 
 

@@ -84,7 +84,10 @@ def input_independence(u: Floats, residual: Floats) -> CorrelationTest:
     lags = np.arange(-largest, largest + 1)
     if size == 0.0:
         return _tested(lags, np.zeros(lags.size), np.full(lags.size, BAND / np.sqrt(n)))
-    products = [e_centred[max(lag, 0) : n + min(lag, 0)] @ u_centred[max(-lag, 0) : n - max(lag, 0)] for lag in lags]
+    products = [
+        e_centred[max(lag, 0) : n + min(lag, 0)] @ u_centred[max(-lag, 0) : n - max(lag, 0)]
+        for lag in lags.tolist()
+    ]
     reach = max(int(np.sqrt(n)) * 2, largest)
     rho_u, rho_e = autocorrelation(u, min(reach, n - 1)), autocorrelation(residual, min(reach, n - 1))
     taper = 1.0 - np.arange(rho_u.size) / rho_u.size
@@ -93,7 +96,9 @@ def input_independence(u: Floats, residual: Floats) -> CorrelationTest:
     return _tested(lags, np.array(products) / size, band)
 
 
-def _tested(lags: np.ndarray[tuple[int], np.dtype[np.int64]], correlation: Floats, band: Floats) -> CorrelationTest:
+def _tested(
+    lags: np.ndarray[tuple[int], np.dtype[np.int64]], correlation: Floats, band: Floats
+) -> CorrelationTest:
     from math import erfc, expm1, log1p, sqrt
 
     largest = float(np.max(np.abs(correlation) / (band / BAND), initial=0.0))

@@ -132,7 +132,10 @@ def nrmse_interval(y: Floats, predicted: Floats, seed: int = 0) -> tuple[float, 
     length = block_length(squared)
     n_blocks = -(-y.size // length)
     starts = np.random.default_rng(seed).integers(0, y.size, size=(REPLICATES, n_blocks))
-    sums = [_block_sums(values, length)[starts].sum(axis=1) for values in (squared, y - y.mean(), (y - y.mean()) ** 2)]
+    sums = [
+        _block_sums(values, length)[starts].sum(axis=1)
+        for values in (squared, y - y.mean(), (y - y.mean()) ** 2)
+    ]
     rows = n_blocks * length
     spread = sums[2] - sums[1] ** 2 / rows
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -168,7 +171,7 @@ def autocorrelation(series: Floats, largest_lag: int) -> Floats:
 def _block_sums(values: Floats, length: int) -> Floats:
     """Return the sum of the block that starts at each row, wrapping around."""
     wrapped = np.concatenate([[0.0], np.cumsum(np.concatenate([values, values[: length - 1]]))])
-    return wrapped[length:] - wrapped[:-length]
+    return np.asarray(wrapped[length:] - wrapped[:-length])
 
 
 def finite(value: float) -> float | None:

@@ -53,7 +53,19 @@ def percent(share: float) -> str:
     return f"{significant(value, 2)} %" if abs(value) < 99.0 else f"{significant(value, 3)} %"
 
 
-ORDINALS = ("zeroth", "first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
+ORDINALS = (
+    "zeroth",
+    "first",
+    "second",
+    "third",
+    "fourth",
+    "fifth",
+    "sixth",
+    "seventh",
+    "eighth",
+    "ninth",
+    "tenth",
+)
 
 
 def ordinal(number: int) -> str:

@@ -14,7 +14,7 @@ def section_coefficients(reflections: Floats) -> tuple[Floats, Floats]:
     """Return a1, a2 of each section from its reflection coefficients.
 
     A section 1 + a1 q^-1 + a2 q^-2 with a2 = k2 and a1 = k1 (1 + k2) has both poles inside the unit
-    circle exactly when \\|k1\\| < 1 and \\|k2\\| < 1; k1 = -1 puts a pole at 1, an integrator.  With an odd
+    circle exactly when abs(k1) < 1 and abs(k2) < 1; k1 = -1 puts a pole at 1, an integrator.  With an odd
     number of coefficients the last section is 1 + k1 q^-1.
 
     Examples
@@ -40,7 +40,9 @@ def reflections_from_poles(poles: Complexes) -> Floats:
     modulus = np.abs(poles)
     outside = modulus > 1.0
     poles = np.where(outside, poles / np.where(outside, modulus**2, 1.0), poles)
-    poles = np.where(np.abs(poles) > LARGEST_START, poles * LARGEST_START / np.maximum(np.abs(poles), 1e-300), poles)
+    poles = np.where(
+        np.abs(poles) > LARGEST_START, poles * LARGEST_START / np.maximum(np.abs(poles), 1e-300), poles
+    )
     upper = poles[poles.imag > 1e-12]
     real = np.sort(poles[np.abs(poles.imag) <= 1e-12].real)[::-1]
     reflections: list[float] = []
@@ -86,7 +88,9 @@ def kautz_numerators(reflections: Floats) -> Floats:
     """Return the numerators over A of the Kautz columns, shape (order, order)."""
     order = reflections.size
     a1, a2 = section_coefficients(reflections)
-    sections = [np.array([1.0, f, s][: 2 + (2 * j + 1 < order)]) for j, (f, s) in enumerate(zip(a1, a2, strict=True))]
+    sections = [
+        np.array([1.0, f, s][: 2 + (2 * j + 1 < order)]) for j, (f, s) in enumerate(zip(a1, a2, strict=True))
+    ]
     rows = np.zeros((order, order))
     for j, section in enumerate(sections):
         common = np.ones(1)

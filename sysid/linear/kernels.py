@@ -57,9 +57,7 @@ def state_space_filter(
 
 
 @compiled
-def kautz_columns(
-    signal: Floats, a1: Floats, a2: Floats, order: int, state: Floats, columns: Floats
-) -> None:
+def kautz_columns(signal: Floats, a1: Floats, a2: Floats, order: int, state: Floats, columns: Floats) -> None:
     """Fill the columns that span (1, q^-1, ..., q^-(n-1)) signal / A for A = A1 A2 ... .
 
     Each section A_j = 1 + a1_j q^-1 + a2_j q^-2 gives two columns, x(k) + x(k-1) and x(k) - x(k-1),

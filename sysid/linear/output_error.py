@@ -8,14 +8,21 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.errors import DataError, IdentifiabilityError, UsageError
-from sysid.linear.forms import Complexes, Floats, denominator, kautz_numerators, poles_of, reflections_from_poles
+from sysid.linear.forms import (
+    Complexes,
+    Floats,
+    denominator,
+    kautz_numerators,
+    poles_of,
+    reflections_from_poles,
+)
 from sysid.linear.reduction import Reduction, Segment, Structure
 from sysid.linear.search import Search, search_poles
 from sysid.linear.starts import least_squares_poles, pole_grid, steiglitz_mcbride_poles, subspace_poles
 from sysid.linear.uncertainty import Uncertainty, parameter_uncertainty
 
 INITIAL_STATES = ("estimate", "rest")
-# Searches run on at most this many rows, starts are ranked on fewer; only the best end goes on to the whole record.
+# Searches run on at most this many rows, starts are ranked on fewer; the best goes on to the whole record.
 SCREENING_ROWS = 20_000
 RANKING_ROWS = 8_000
 SEARCHED_STARTS = 4
@@ -102,8 +109,13 @@ class OutputErrorFit:
         return {n: (float(v), float(e)) for n, v, e in zip(names, values, errors, strict=True)}
 
     def __repr__(self) -> str:
-        lines = [f"OutputErrorFit: order {self.order}, delay {self.delay}, rms {self.rms:.4g} on {self.n_rows} rows"]
-        lines += [f"  {name:9s} {value: .6g} ± {error:.2g}" for name, (value, error) in self.parameters().items()]
+        lines = [
+            f"OutputErrorFit: order {self.order}, delay {self.delay}, "
+            f"rms {self.rms:.4g} on {self.n_rows} rows"
+        ]
+        lines += [
+            f"  {name:9s} {value: .6g} ± {error:.2g}" for name, (value, error) in self.parameters().items()
+        ]
         lines += ["  poles     " + ", ".join(f"{pole:.5g}" for pole in self.poles), f"  {self.status}"]
         return "\n".join(lines)
 
@@ -181,7 +193,9 @@ def fit_output_error(
             search = search_poles(segments, structure, reflections_from_poles(start), FINE_STEP)
             agree, tried = True, 1
         uncertainty = parameter_uncertainty(segments, structure, search, skip=not precise)
-    a, b, constant_value = coefficients(structure, search.reflections, search.projection.shared, segments[0].u.shape[1])
+    a, b, constant_value = coefficients(
+        structure, search.reflections, search.projection.shared, segments[0].u.shape[1]
+    )
     return OutputErrorFit(
         structure=structure,
         a=a,
@@ -207,7 +221,8 @@ def make_segments(record: Record, rows: Mask) -> tuple[Segment, ...]:
     """Cut the experiments that hold chosen rows, each from its first row to its last chosen one."""
     if record.y.shape[1] != 1:
         raise UsageError(
-            f"the record has {record.y.shape[1]} outputs ({', '.join(record.outputs)}): choose one output for the fit"
+            f"the record has {record.y.shape[1]} outputs ({', '.join(record.outputs)}): "
+            "choose one output for the fit"
         )
     segments = []
     for part in record.slices:
@@ -218,7 +233,9 @@ def make_segments(record: Record, rows: Mask) -> tuple[Segment, ...]:
         y = record.y[part, 0][:end]
         if not np.isfinite(y[used[:end]]).all():
             row = (part.start or 0) + int(np.flatnonzero(used[:end] & ~np.isfinite(y))[0])
-            raise DataError(f"row {row + 1}: the output is missing and cannot be fitted: leave the row out of the fit")
+            raise DataError(
+                f"row {row + 1}: the output is missing and cannot be fitted: leave the row out of the fit"
+            )
         segments.append(Segment(record.u[part][:end], np.where(used[:end], y, 0.0), used[:end]))
     if not segments:
         raise DataError("no row is chosen for the fit: mark rows as train, est or val")
@@ -296,7 +313,8 @@ def _agreement(agree: bool, tried: int) -> str:
     if agree:
         return f"{tried} searches from different starts agree"
     return (
-        f"{tried} searches from different starts disagree: the error has local minima, so compare other orders"
+        f"{tried} searches from different starts disagree: the error has local minima, "
+        "so compare other orders"
     )
 
 

@@ -142,7 +142,11 @@ class Columns:
         place = 0
         for channel in range(self.u.shape[1]):
             kautz_columns(
-                self.moved[channel, first:last], self.a1, self.a2, order, self.input_states[channel],
+                self.moved[channel, first:last],
+                self.a1,
+                self.a2,
+                order,
+                self.input_states[channel],
                 out[place : place + order],
             )
             place += order
@@ -221,7 +225,9 @@ class Reduction:
         for number, segment in enumerate(self.segments):
             columns = Columns(self.structure, self.reflections, segment.u)
             sensitivity_state = np.zeros((columns.a1.size, 2))
-            start_weights = None if projection is None or not columns.start_alive else projection.starts[number]
+            start_weights = (
+                None if projection is None or not columns.start_alive else projection.starts[number]
+            )
             own: Floats | None = None
             for first in range(0, segment.y.size, BLOCK_ROWS):
                 last = min(first + BLOCK_ROWS, segment.y.size)

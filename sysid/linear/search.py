@@ -85,7 +85,9 @@ def search_poles(
         damping = damping / 5.0 if better_than_half else damping * 2.0
         damping = max(damping, 1e-12)
         k, reduction, now = trial, candidate, then
-    return Search(k, now, False, max_iterations, f"stopped after {max_iterations} iterations, still improving")
+    return Search(
+        k, now, False, max_iterations, f"stopped after {max_iterations} iterations, still improving"
+    )
 
 
 def _box(order: int) -> tuple[Floats, Floats]:
@@ -109,7 +111,7 @@ def _decrease(J: Floats, r: Floats, step: Floats) -> float:
 def _step_in_box(
     J: Floats, r: Floats, scale: Floats, damping: float, lowest: Floats, highest: Floats
 ) -> Floats:
-    """Return the damped step; where it would leave the box it ends at the bound and the rest is solved anew."""
+    """Return the damped step; what would leave the box ends at its bound, the rest is solved anew."""
     step = np.zeros(J.shape[1])
     free = np.ones(J.shape[1], dtype=bool)
     while free.any():

@@ -117,7 +117,7 @@ def simulate_state_space(
     >>> simulate_state_space([[0.5]], [[1.0]], [[1.0]], [[0.0]], [[1.0], [0.0], [0.0]]).ravel()
     array([0. , 1. , 0.5])
     """
-    matrices = [np.ascontiguousarray(matrix, dtype=np.float64) for matrix in (A, B, C, D)]
+    matrices = tuple(np.ascontiguousarray(matrix, dtype=np.float64) for matrix in (A, B, C, D))
     signal = np.ascontiguousarray(u, dtype=np.float64)
     order = matrices[0].shape[0]
     state = np.zeros(order) if initial_state is None else np.array(initial_state, dtype=np.float64)
@@ -132,7 +132,7 @@ def simulate_state_space(
             f"{(order,)} for {signal.shape[1]} inputs"
         )
     y = np.empty((signal.shape[0], n_outputs))
-    state_space_filter(*matrices, signal, state, y)
+    state_space_filter(matrices[0], matrices[1], matrices[2], matrices[3], signal, state, y)
     return y
 
 
@@ -146,9 +146,7 @@ def fitted_output(
     return forced, starts
 
 
-def responses(
-    u: Floats, structure: Structure, reflections: Floats, weights: Floats
-) -> tuple[Floats, Floats]:
+def responses(u: Floats, structure: Structure, reflections: Floats, weights: Floats) -> tuple[Floats, Floats]:
     """Return the response to input and constant, and those to the initial state, shape (order, n_rows)."""
     n_rows = u.shape[0]
     columns = Columns(structure, reflections, u)

@@ -52,7 +52,9 @@ def steiglitz_mcbride_poles(
     """Return the poles after each of a few rounds of Steiglitz and McBride."""
     rounds = []
     for _ in range(STEIGLITZ_MCBRIDE_ROUNDS):
-        following = least_squares_poles(segments, structure, reflections_from_poles(_padded(poles, structure.order)))
+        following = least_squares_poles(
+            segments, structure, reflections_from_poles(_padded(poles, structure.order))
+        )
         rounds.append(following)
         if following.size == poles.size and np.allclose(np.sort(following), np.sort(poles), rtol=1e-7):
             break
@@ -123,7 +125,9 @@ def _padded(poles: Complexes, order: int) -> Complexes:
     return np.concatenate([poles, np.zeros(order - poles.size)])
 
 
-def _runs(used: np.ndarray[tuple[int], np.dtype[np.bool_]], memory: int) -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
+def _runs(
+    used: np.ndarray[tuple[int], np.dtype[np.bool_]], memory: int
+) -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
     """Return the used rows that have ``memory`` rows before them."""
     rows = np.flatnonzero(used)
     return rows[rows >= memory]

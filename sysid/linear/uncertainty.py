@@ -44,7 +44,8 @@ def parameter_uncertainty(
     if skip:
         return Uncertainty(np.full(n_parameters, np.nan), np.ones(1), float("nan"))
     jacobians, residuals = zip(
-        *(_jacobian(segment, structure, search, number) for number, segment in enumerate(segments)), strict=True
+        *(_jacobian(segment, structure, search, number) for number, segment in enumerate(segments)),
+        strict=True,
     )
     noise, noise_std = autoregression([r[s.used] for r, s in zip(residuals, segments, strict=True)])
     n_rows = sum(int(segment.used.sum()) for segment in segments)
@@ -97,7 +98,7 @@ def autoregression(runs: list[Floats]) -> tuple[Floats, float]:
 
 
 def _jacobian(segment: Segment, structure: Structure, search: Search, number: int) -> tuple[Floats, Floats]:
-    """Return the derivatives by initial state, a, b, constant, shape (n_columns, n_rows), and the residual."""
+    """Return the derivatives by initial state, a, b, constant, one a row, and the residual."""
     from sysid.linear.simulation import fitted_output
 
     n_rows, n_inputs = segment.u.shape
@@ -125,7 +126,7 @@ def _without(starts: Floats, rows: Floats) -> Floats:
     scale = np.linalg.norm(starts, axis=1, keepdims=True)
     _, values, right = np.linalg.svd(starts / np.where(scale > 0.0, scale, 1.0), full_matrices=False)
     basis = right[values > 1e-10 * values.max(initial=1e-300)]
-    return rows - (rows @ basis.T) @ basis
+    return np.asarray(rows - (rows @ basis.T) @ basis)
 
 
 def _delayed(signal: Floats, lag: int, before: float) -> Floats:
