@@ -209,8 +209,8 @@ def _check_columns(
     for name in wanted:
         if name not in columns:
             near = get_close_matches(name, columns, n=1, cutoff=0.5)
-            guess = f"; did you mean {near[0]!r}" if near else ""
-            raise UsageError(f"{path.name} has no column {name!r}{guess}? It has: {', '.join(columns)}")
+            guess = f"; did you mean {near[0]!r}?" if near else ":"
+            raise UsageError(f"{path.name} has no column {name!r}{guess} it has {', '.join(columns)}")
         if columns.count(name) > 1:
             raise DataError(f"{path.name} has {columns.count(name)} columns named {name!r}: rename one")
     both = set(inputs) & set(outputs)
@@ -244,7 +244,6 @@ def _read_table(path: Path, dialect: Dialect, wanted: Sequence[str], texts: Sequ
         "comment": dialect.comment,
         "index_col": False,
         "compression": compression,
-        "float_precision": "round_trip",
         "low_memory": False,
     }
     try:
