@@ -132,7 +132,7 @@ def test_time_gives_period_and_restarts_make_experiments(tmp_path):
     assert timed.starts == (0, 30)
     # The column t also tells where experiments restart when a period is given.
     assert read_record(path, period=0.05).starts == (0, 30)
-    with pytest.raises(DataError, match="stated period is 0.1 s"):
+    with pytest.raises(DataError, match=r"stated period is 0\.1 s"):
         read_record(path, time="t", period=0.1)
 
 

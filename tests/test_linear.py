@@ -1,4 +1,4 @@
-"""Linear models against independent peers: scipy's filters and optimiser, finite differences, python-control."""
+"""Linear models against peers: scipy's filters and optimiser, finite differences, python-control."""
 
 import os
 from pathlib import Path
@@ -303,7 +303,7 @@ def test_error_falls_with_the_square_root_of_the_record():
         )
         for n in (400, 6400)
     ]
-    # A factor 4 is expected; the ratio of two such means over 20 records has a standard deviation of about 20 %.
+    # A factor 4 is expected; the ratio of two such means over 20 records is known to about 20 %.
     assert 2.2 < deviations[0] / deviations[1] < 7.0
 
 

@@ -23,8 +23,8 @@ from sysid.linear.uncertainty import Uncertainty, parameter_uncertainty
 
 INITIAL_STATES = ("estimate", "rest")
 # Searches run on at most this many rows, starts are ranked on fewer; the best goes on to the whole record.
-SCREENING_ROWS = 20_000
-RANKING_ROWS = 8_000
+SCREENING_ROWS = 10_000
+RANKING_ROWS = 5_000
 SEARCHED_STARTS = 4
 FIRST_ITERATIONS = 12
 LEADING = 2

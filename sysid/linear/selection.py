@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data import Record
-from sysid.data.record import TEST_PREFIX, Mask
+from sysid.data.record import Mask
 from sysid.errors import SysidError
 from sysid.linear.forms import Complexes, Floats
 from sysid.linear.output_error import OutputErrorFit, fit_output_error
@@ -222,28 +222,26 @@ def _try(
         extra_starts=_known_poles(before, order, delay),
         precise=False,
     )
-    squared = _validation_errors(fit, record) ** 2
+    squared = _validation_squares(fit, record)
     rms = float(np.sqrt(squared.mean()))
     return _Trial(fit, squared, Candidate(order, delay, constant, rms, fit.restarts_agree))
 
 
-def _validation_errors(fit: OutputErrorFit, record: Record) -> Floats:
-    """Return the free-run errors by which structures are compared.
+def _validation_squares(fit: OutputErrorFit, record: Record) -> Floats:
+    """Return the squared free-run errors by which structures are compared.
 
-    The run over the validation rows is asked what the tests will ask: where test sets continue an
-    experiment the run continues from the estimation rows; where they are experiments of their own
-    it starts anew on the validation rows, with as few rows for its initial state as they will have.
+    The run over the validation rows goes on from the estimation rows.  If a test set is an
+    experiment of its own, a run that starts anew on the validation rows, with as few rows for its
+    initial state as the test will have, counts as much: a state that needs a long past is of no use
+    there.
     """
+    free_run = predict(fit, record, rows=record.estimation).free_run
+    squares = (record.y[:, 0] - free_run) ** 2
     fresh = [part for part in record.slices if not record.learning[part].any()]
-    continued = any(
-        record.learning[part].any() and np.char.startswith(record.split[part], TEST_PREFIX).any()
-        for part in record.slices
-    )
-    if continued or not fresh or not fit.structure.free_start:
-        free_run = predict(fit, record, rows=record.estimation).free_run
-        return np.asarray(record.y[record.validation, 0] - free_run[record.validation])
+    if not fresh or not fit.structure.free_start:
+        return np.asarray(squares[record.validation])
     skip = max(record.skip.get(str(record.split[part][0]), 0) for part in fresh)
-    errors = []
+    compared = []
     for part in record.slices:
         rows = part.start + np.flatnonzero(record.validation[part])
         if rows.size == 0:
@@ -251,9 +249,10 @@ def _validation_errors(fit: OutputErrorFit, record: Record) -> Floats:
         whole = slice(int(rows[0]), int(rows[-1]) + 1)
         y = np.where(record.validation[whole], record.y[whole, 0], np.nan)
         used, _ = first_rows(y, skip, fit.order)
-        error = y - run_free(fit, record.u[whole], y, used)
-        errors.append(error[np.isfinite(error) & (np.arange(y.size) >= min(skip, y.size // 2))])
-    return np.concatenate(errors)
+        anew = (y - run_free(fit, record.u[whole], y, used)) ** 2
+        late = np.arange(y.size) >= min(skip, y.size // 2)
+        compared.append(0.5 * (squares[whole] + anew)[late & record.validation[whole]])
+    return np.concatenate(compared)
 
 
 def _known_poles(before: list[_Trial], order: int, delay: int) -> list[Complexes]:
