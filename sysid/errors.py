@@ -19,3 +19,7 @@ class ModelError(SysidError, ValueError):
 
 class IdentifiabilityError(SysidError, ValueError):
     """The data cannot determine the parameters that were asked for."""
+
+
+class ReportError(SysidError, RuntimeError):
+    """A report cannot be built from its notebook and results."""

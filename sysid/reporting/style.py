@@ -53,7 +53,7 @@ def series(index: int, *, marker: bool = False) -> dict[str, Any]:
     return keywords
 
 
-def _settings() -> dict[str, Any]:
+def _settings() -> Any:  # matplotlib types the keys one by one
     from cycler import cycler
 
     return {

@@ -1,0 +1,138 @@
+"""The front page: what was run, from what, and which gates hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from sysid.reporting import numbers
+from sysid.reporting.blocks import Cell, Verdict, facts, table
+from sysid.reporting.nodes import Blocks, Inline, Node, text
+from sysid.reporting.records import Results, gates
+
+_VERDICTS = ("reproduced", "replicated", "partial", "not replicated")
+_KNOWN = ("commit", "date", "platform", "seed", "runs", "versions")
+_SHORT_HASH = 16
+
+
+def summary(results: Results) -> tuple[str, bool]:
+    """Say in one sentence how the gates stand.
+
+    Parameters
+    ----------
+    results : mapping
+        Contents of ``results.json``.
+
+    Returns
+    -------
+    sentence : str
+    green : bool
+        All gates passed, and there is at least one.
+
+    Examples
+    --------
+    >>> summary({"papers": {"bai": {"gates": [{"id": "a", "passed": True}, {"id": "b", "passed": False}]}}})
+    ('1 of 2 gates passed; red: bai/b.', False)
+    """
+    records = [
+        (paper, gate) for paper, content in results["papers"].items() for gate in content.get("gates", [])
+    ]
+    red = [f"{paper}/{gate['id']}" for paper, gate in records if not gate.get("passed")]
+    if not records:
+        return "No gates were run.", False
+    if not red:
+        return f"{len(records)} gates: all passed." if len(records) > 1 else "One gate: passed.", True
+    named = ", ".join(red[:6]) + (f" and {len(red) - 6} more" if len(red) > 6 else "")
+    return f"{len(records) - len(red)} of {len(records)} gates passed; red: {named}.", False
+
+
+def front_page(results: Results, title: str) -> Blocks:
+    """Write the blocks of the front page.
+
+    Parameters
+    ----------
+    results : mapping
+        Contents of ``results.json``.
+    title : str
+        Title of the report.
+
+    Returns
+    -------
+    list of dict
+    """
+    sentence, green = summary(results)
+    papers = results["papers"]
+    blocks: Blocks = [
+        {"t": "title", "c": [text(title)], "lead": [text(_lead(results))]},
+        {"t": "banner", "kind": "passed" if green else "failed", "c": [text(sentence)]},
+        *_overview(papers),
+        _section("What was run"),
+        *facts(_provenance(results.get("provenance") or {})).blocks,
+        _section("Gates"),
+    ]
+    for paper, content in papers.items():
+        if content.get("gates"):
+            caption = "" if len(papers) == 1 else f"{_name(paper, content)}."
+            gate_table = gates(results, paper, caption="", reasons=False).blocks[0]
+            blocks.append({**gate_table, "caption": [text(caption)] if caption else []})
+        else:
+            blocks.append({"t": "para", "c": [text(f"{_name(paper, content)}: no gates.")]})
+    return [*blocks, _section("Contents")]
+
+
+def _section(words: str) -> Node:
+    return {"t": "heading", "level": 2, "c": [text(words)], "id": f"front-{words.lower().replace(' ', '-')}"}
+
+
+def _lead(results: Results) -> str:
+    named = "; ".join(_name(paper, content) for paper, content in results["papers"].items())
+    return f"Replication of {named}." if named else "No paper was run."
+
+
+def _name(paper: str, content: Mapping[str, Any]) -> str:
+    return str(content.get("title") or paper)
+
+
+def _overview(papers: Mapping[str, Mapping[str, Any]]) -> Blocks:
+    if not papers:
+        return []
+    used = [word for word in _VERDICTS if word != "partial" or any(_count(c, word) for c in papers.values())]
+    rows: list[list[Cell]] = []
+    for paper, content in papers.items():
+        records = content.get("gates", [])
+        passed = sum(bool(gate.get("passed")) for gate in records)
+        link: Inline = [{"t": "link", "url": f"#{paper}", "c": [text(_name(paper, content))]}]
+        word = Verdict(f"{passed} of {len(records)}", "passed" if passed == len(records) else "failed")
+        rows.append([link, len(content.get("claims", [])), *(_count(content, word) for word in used), word])
+    columns = ["Paper", "Claims", *(word.capitalize() for word in used), "Gates passed"]
+    return list(table(rows, columns, align="l" + "r" * (len(columns) - 1)).blocks)
+
+
+def _count(content: Mapping[str, Any], verdict: str) -> int:
+    return sum(claim.get("verdict") == verdict for claim in content.get("claims", []))
+
+
+def _provenance(record: Mapping[str, Any]) -> dict[str, Cell]:
+    keys = [key for key in _KNOWN if key in record] + [key for key in record if key not in _KNOWN]
+    return {key.replace("_", " ").capitalize(): _value(record[key]) for key in keys}
+
+
+def _value(value: Any) -> Cell:
+    if isinstance(value, Mapping):
+        if not value:
+            return "none"
+        nodes: Inline = []
+        for key, item in value.items():
+            nodes += [{"t": "break"}] if nodes else []
+            nodes += [text(f"{key} "), {"t": "code", "s": _short(item)}]
+        return nodes
+    if isinstance(value, int):
+        return numbers.number(value)
+    return _short(value)
+
+
+def _short(value: Any) -> str:
+    """Shorten a hash; the whole of it stands in ``results.json``."""
+    words = numbers.values(value)
+    is_hash = len(words) > _SHORT_HASH and all(char in "0123456789abcdef" for char in words)
+    return words[:_SHORT_HASH] + "…" if is_hash else words
