@@ -116,7 +116,7 @@ def _check_finite(values: Floats, name: str, is_test: NDArray[np.bool_], may_be_
 def _clipping(values: Floats, name: str) -> list[str]:
     """Say where a signal rests at one of its extremes as if the range ended there."""
     measured = values[np.isfinite(values)]
-    # A signal that is held at levels most of the time (steps, a binary sequence) rests at its extremes by design.
+    # A signal held at levels most of the time (steps, a binary sequence) rests at its extremes by design.
     if measured.size < 100 or np.mean(measured[1:] == measured[:-1]) > 0.5:
         return []
     found = []

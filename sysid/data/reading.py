@@ -49,7 +49,7 @@ def read_record(
     separator: str | None = None,
     decimal: str | None = None,
 ) -> Record:
-    """Read a record from a CSV file, plain or compressed (``.gz``).
+    r"""Read a record from a CSV file, plain or compressed (``.gz``).
 
     Separator, decimal comma, byte order mark and comment lines are detected.  A JSON file of the
     same name beside the table may give ``units``, ``Ts`` [s] and ``splits.<set>.skip``, which are
@@ -87,7 +87,7 @@ def read_record(
     >>> import pathlib, tempfile
     >>> folder = tempfile.TemporaryDirectory()
     >>> table = pathlib.Path(folder.name, "pump.csv")
-    >>> _ = table.write_text("t;u;y\\n" + "".join(f"{k};{k % 3};{k % 5},5\\n" for k in range(40)))
+    >>> _ = table.write_text("t;u;y\n" + "".join(f"{k};{k % 3};{k % 5},5\n" for k in range(40)))
     >>> read_record(table, time="t")
     Record('pump': 40 rows at 1 s, u -> y, 1 experiment, estimation 30, validation 10, test sets: none)
     >>> folder.cleanup()
@@ -209,8 +209,8 @@ def _check_columns(
     for name in wanted:
         if name not in columns:
             near = get_close_matches(name, columns, n=1, cutoff=0.5)
-            guess = f"; did you mean {near[0]!r}" if near else ""
-            raise UsageError(f"{path.name} has no column {name!r}{guess}? It has: {', '.join(columns)}")
+            guess = f"; did you mean {near[0]!r}?" if near else ":"
+            raise UsageError(f"{path.name} has no column {name!r}{guess} it has {', '.join(columns)}")
         if columns.count(name) > 1:
             raise DataError(f"{path.name} has {columns.count(name)} columns named {name!r}: rename one")
     both = set(inputs) & set(outputs)
@@ -244,11 +244,10 @@ def _read_table(path: Path, dialect: Dialect, wanted: Sequence[str], texts: Sequ
         "comment": dialect.comment,
         "index_col": False,
         "compression": compression,
-        "float_precision": "round_trip",
         "low_memory": False,
     }
     try:
-        table = pd.read_csv(path, **options)
+        table: pd.DataFrame = pd.read_csv(path, **options)
     except (pd.errors.ParserError, UnicodeError, EOFError, OSError) as problem:
         raise DataError(f"{path} cannot be read as a table: {problem}".replace("\n", " ").strip()) from None
     if len(table) == 0:

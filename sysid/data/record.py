@@ -80,7 +80,7 @@ class Record:
     @property
     def n_samples(self) -> int:
         """Number of rows."""
-        return self.u.shape[0]
+        return int(self.u.shape[0])
 
     @property
     def slices(self) -> tuple[slice, ...]:

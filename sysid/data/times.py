@@ -40,7 +40,7 @@ def restarts(times: Floats, known: NDArray[np.str_] | None, *, strict: bool) -> 
             f"row {row + 1}: the time {times[row]:g} does not come after {times[row - 1]:g}: times must "
             f"increase, or restart at {times[0]:g} for a new experiment; sort the rows or repair the time"
         )
-    return restart
+    return np.asarray(restart)
 
 
 def period_from_times(

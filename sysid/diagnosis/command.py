@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,12 +11,9 @@ from sysid.errors import UsageError
 if TYPE_CHECKING:
     from sysid.data import Record
     from sysid.diagnosis.compare import Comparison
+    from sysid.progress import ProgressTask
 
 HELP = "compare a model with measurements on held-out data"
-EXAMPLE = """example:
-  sysid compare motor.csv --input u --output y --period 0.01 --split-column set
-  fits a linear model of automatic order, judges its free run on the test rows and writes a page
-"""
 DEFAULT_FOLDER = Path("sysid-out")
 
 
@@ -50,8 +47,7 @@ def add_data_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `sysid compare`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = EXAMPLE
+    parser.formatter_class = argparse.HelpFormatter  # the defaults worth telling are in the help texts
     add_data_arguments(parser)
     group = parser.add_argument_group("model")
     group.add_argument("--model", default="linear", help="model to compare (default: linear)")
@@ -86,18 +82,42 @@ def read_data(arguments: argparse.Namespace) -> "Record":
 def run(arguments: argparse.Namespace) -> int:
     """Run `sysid compare`; errors of use and of data are raised as `SysidError`."""
     from sysid.diagnosis.compare import MODELS, compare
+    from sysid.progress import progress
 
     if arguments.model not in MODELS:
         raise UsageError(f"--model {arguments.model!r} is not known: choose one of {', '.join(MODELS)}")
     page = arguments.html or DEFAULT_FOLDER / f"{_stem(arguments.data)}.compare.html"
     _check_results((page, arguments.json), arguments.data)
     record = read_data(arguments)
-    comparison = compare(record, arguments.model, arguments.order, initial_state=arguments.initial_state)
-    write_text(page, comparison.to_html())
+    with progress() as bars:
+        with bars.task(f"models of {record.name}", total=100) as bar:
+            comparison = compare(
+                record,
+                arguments.model,
+                arguments.order,
+                initial_state=arguments.initial_state,
+                progress=_percent_of(bar),
+            )
+        with bars.task("page", total=None):
+            text = comparison.to_html()
+    write_text(page, text)
     if arguments.json is not None:
         write_text(arguments.json, to_json_text(comparison.to_json()))
     _print(comparison, page, arguments.json)
     return 0
+
+
+def _percent_of(bar: "ProgressTask") -> Callable[[int, int], None]:
+    """Return a callback that moves a bar of 100 steps to the share that is done."""
+    shown = 0
+
+    def move(done: int, total: int) -> None:
+        nonlocal shown
+        now = 100 * done // max(total, 1)
+        bar.advance(now - shown)
+        shown = now
+
+    return move
 
 
 def to_json_text(content: dict[str, Any]) -> str:

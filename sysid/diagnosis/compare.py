@@ -10,7 +10,8 @@ from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.residuals import CorrelationTest, Window, input_independence, whiteness, worst_windows
 from sysid.diagnosis.scores import SetScore, finite, nrmse_interval, score
-from sysid.diagnosis.wording import ordinal, percent, quantity, significant
+from sysid.diagnosis.summary import data_json, model_json, sentences
+from sysid.diagnosis.wording import percent, significant
 from sysid.errors import UsageError
 from sysid.linear.selection import Choice, choose_output_error
 from sysid.linear.simulation import Prediction, predict
@@ -91,20 +92,20 @@ class Comparison:
 
     def sentences(self) -> list[str]:
         """Say what was found, the main thing first."""
-        return _sentences(self)
+        return sentences(self)
 
     def to_json(self) -> dict[str, Any]:
         """Return what the JSON file holds: plain values, no NaN."""
         return {
             "schema": 1,
-            "model": _model_json(self),
+            "model": model_json(self),
             "scores": {s.name: s.to_json() for s in self.scores},
             "noise_floor": {"nrmse": None, "method": None, "reason": NO_NOISE_FLOOR},
             "where": [finding.to_json() for finding in self.where],
             "tests": {name: test.to_json() for name, test in self.tests.items()},
             "ports": [],
             "warnings": list(self.warnings),
-            "data": _data_json(self.record),
+            "data": data_json(self.record),
             "sentences": self.sentences(),
         }
 
@@ -252,8 +253,9 @@ def _time_findings(record: Record, judged: str, rows: Mask, residual: "Floats") 
                 data_share=window.data_share,
                 p_value=window.p_value,
                 sentence=(
-                    f"{percent(window.error_share)} of the squared error on {judged} lies between "
-                    f"{significant(start, 4)} and {significant(end, 4)} s, {percent(window.data_share)} of the time."
+                    f"{percent(window.error_share)} of the squared error on {judged} lies "
+                    f"between {significant(start, 4)} and {significant(end, 4)} s, "
+                    f"{percent(window.data_share)} of the time."
                 ),
             )
         )
@@ -269,109 +271,13 @@ def _seconds(
     return (first - origin) * record.period, (last - origin + 1) * record.period
 
 
-def _sentences(comparison: Comparison) -> list[str]:
-    fit, judged = comparison.choice.fit, comparison.score_of(comparison.judged)
-    output = comparison.record.outputs[0]
-    free = judged.free_run
-    explained = max(1.0 - free.nrmse**2, 0.0)
-    window = f"{judged.n_rows} samples" + (f", skip {judged.skip}" if judged.skip else "")
-    dead_time = fit.delay * fit.period
-    acts = (
-        "the input acts at once"
-        if fit.delay == 0
-        else f"the input acts after {fit.delay} sample{'s' * (fit.delay > 1)} ({quantity(dead_time, 's')})"
-    )
-    found = [
-        f"A {ordinal(fit.order)}-order linear model explains {percent(explained)} of the variance of {output!r} on "
-        f"{comparison.judged}; its free-run error is {quantity(free.rmse, judged.unit)} RMSE, "
-        f"{percent(free.nrmse)} of the signal ({window}).",
-        f"In the model {acts}, {'with' if fit.structure.constant else 'without'} a constant. {comparison.choice.reason}",
-    ]
-    found += [_test_sentence(name, test, comparison.judged) for name, test in comparison.tests.items()]
-    found += [finding.sentence for finding in comparison.where]
-    return found
-
-
-def _test_sentence(name: str, test: CorrelationTest, judged: str) -> str:
-    if name == "whiteness":
-        if test.passed:
-            return f"The free-run residual on {judged} is white: nothing in it can be foreseen from its own past."
-        return (
-            f"The free-run residual on {judged} is not white ({test.outside} of {test.lags.size} lags outside their "
-            "99 % band): it holds coloured noise or dynamics that the model lacks."
-        )
-    if test.passed:
-        return f"No linear trace of the input is left in the residual on {judged}."
-    worst = int(test.lags[np.argmax(np.abs(test.correlation) / test.band)])
-    return (
-        f"The residual on {judged} still follows the input linearly (largest at lag {worst}; "
-        f"{test.outside} of {test.lags.size} lags outside their 99 % band)."
-    )
-
-
-def _model_json(comparison: Comparison) -> dict[str, Any]:
-    choice, record = comparison.choice, comparison.record
-    fit = choice.fit
-    return {
-        "name": "linear",
-        "order": fit.order,
-        "delay": fit.delay,
-        "direct": fit.structure.direct,
-        "constant": fit.structure.constant,
-        "initial_state": "estimate" if fit.structure.free_start else "rest",
-        "parameters": {
-            name: {"value": finite(value), "std_error": finite(error), "unit": _parameter_unit(record, name)}
-            for name, (value, error) in fit.parameters().items()
-        },
-        "poles": [[float(pole.real), float(pole.imag)] for pole in fit.poles],
-        "converged": fit.converged,
-        "restarts_agree": choice.accepted.restarts_agree,
-        "status": fit.status,
-        "reason": choice.reason,
-        "candidates": [
-            {
-                "order": c.order,
-                "delay": c.delay,
-                "constant": c.constant,
-                "validation_rmse": finite(c.validation_rms),
-                "restarts_agree": c.restarts_agree,
-            }
-            for c in choice.candidates
-        ],
-    }
-
-
-def _parameter_unit(record: Record, name: str) -> str:
-    """Return the unit of a coefficient: none for a, output per input for b, output for the constant."""
-    output = record.unit(record.outputs[0])
-    if name == "constant":
-        return output
-    if not name.startswith("b"):
-        return ""
-    channel = int(name.split("_")[1]) - 1 if "_" in name else 0
-    unit = record.unit(record.inputs[channel])
-    if unit == output:
-        return ""
-    return f"{output or '1'}/{unit}" if unit else output
-
-
-def _data_json(record: Record) -> dict[str, Any]:
-    return {
-        "name": record.name,
-        "rows": record.n_samples,
-        "period_s": record.period,
-        "inputs": list(record.inputs),
-        "outputs": list(record.outputs),
-        "units": dict(record.units),
-        "experiments": list(record.experiments),
-        "sha256": record.sha256,
-    }
-
-
 def _warnings(record: Record, choice: Choice) -> tuple[str, ...]:
     found = list(record.warnings)
-    if not choice.accepted.restarts_agree:
-        found.append(f"The searches for the linear model disagree: {choice.accepted.status}.")
+    if not choice.restarts_agree:
+        found.append(
+            "Searches for the linear model from different starts ended at different errors: another model of "
+            "the same order may do better; compare other orders with --order."
+        )
     if not choice.fit.converged:
         found.append(f"The fit of the linear model did not converge: {choice.fit.status}.")
     if not record.test_sets:

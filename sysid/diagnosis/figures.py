@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.diagnosis.wording import ordinal, percent, quantity, significant
-from sysid.reporting.style import COLOURS, GREY, MARKERS, series, style, subplots, svg
+from sysid.reporting.style import COLOURS, GREY, LINE_STYLES, MARKERS, series, style, subplots, svg
 
 if TYPE_CHECKING:
     from sysid.diagnosis.compare import Comparison
@@ -130,7 +130,7 @@ def worst_stretch(comparison: "Comparison", width: float, height: float) -> tupl
     top.set_ylabel(_label(record, output))
     _legend(top)
     for index, name in enumerate(record.inputs):
-        bottom.step(t, record.u[rows, index], where="post", **_look(index + 2), label=name)
+        bottom.step(t, record.u[rows, index], where="post", **_input_look(index), label=name)
     bottom.set_ylabel(_label(record, record.inputs[0]) if len(record.inputs) == 1 else "inputs")
     bottom.set_xlabel("time [s]")
     figure.align_ylabels()
@@ -139,22 +139,20 @@ def worst_stretch(comparison: "Comparison", width: float, height: float) -> tupl
     overall = comparison.score_of(comparison.judged)
     ratio = local / overall.free_run.rmse if overall.free_run.rmse > 0.0 else 1.0
     reading = (
-        f"Here the error is {quantity(local, overall.unit)} RMSE, {significant(ratio, 2)} times that of the whole set; "
-        f"its mean is {quantity(float(np.nanmean(error)), overall.unit)}."
+        f"Here the error is {quantity(local, overall.unit)} RMSE, {significant(ratio, 2)} times that of the "
+        f"whole set; its mean is {quantity(float(np.nanmean(error)), overall.unit)}."
     )
     return figure, f"The worst stretch of {comparison.judged}, with the input", reading
 
 
 def spectrum(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
     """Draw the spectra of measurement and error."""
-    from scipy.signal import welch
-
     record, rows = comparison.record, _scored(comparison)
     y = record.y[rows, 0]
     error = y - comparison.prediction.free_run[rows]
     length = min(y.size, max(64, 1 << int(np.log2(y.size / 8))))
-    frequency, power = welch(y, 1.0 / record.period, nperseg=length)
-    _, error_power = welch(error, 1.0 / record.period, nperseg=length)
+    frequency, power = power_density(y, record.period, length)
+    _, error_power = power_density(error, record.period, length)
     figure, axes = subplots(width=width, height=height)
     unit = record.unit(record.outputs[0])
     axes.loglog(frequency[1:], np.sqrt(power[1:]), **_look(0), label=MEASURED)
@@ -167,10 +165,43 @@ def spectrum(comparison: "Comparison", width: float, height: float) -> tuple[Any
     ratio = error_power[1:] / np.maximum(power[1:], 1e-300)
     dominated = float(power[1:][ratio < 1.0].sum() / max(float(power[1:].sum()), 1e-300))
     reading = (
-        f"90 % of the error lies below {quantity(middle, 'Hz')}; frequencies at which the error is smaller than the "
-        f"signal hold {percent(dominated)} of the signal."
+        f"90 % of the error lies below {quantity(middle, 'Hz')}; frequencies at which the error is smaller "
+        f"than the signal hold {percent(dominated)} of the signal."
     )
     return figure, "Spectrum of measurement and error", reading
+
+
+def power_density(values: "Floats", period: float, length: int) -> tuple["Floats", "Floats"]:
+    """Return frequencies [Hz] and the one-sided power density by Welch's method.
+
+    Hann windows that overlap by half, each less its mean.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n_samples,)
+    period : float
+        Sampling period [s].
+    length : int
+        Rows in each window.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> frequency, power = power_density(np.sin(0.5 * np.arange(4000.0)), 1.0, 500)
+    >>> round(float(np.sum(power) * frequency[1]), 3)  # the power of a sine
+    0.5
+    """
+    starts = np.arange(0, values.size - length + 1, max(length - length // 2, 1))
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
+    power = np.zeros(length // 2 + 1)
+    for start in starts:
+        piece = values[start : start + length]
+        power += np.abs(np.fft.rfft(window * (piece - piece.mean()))) ** 2
+    power *= 2.0 * period / (starts.size * float(window @ window))
+    power[0] *= 0.5
+    if length % 2 == 0:
+        power[-1] *= 0.5
+    return np.fft.rfftfreq(length, period), power
 
 
 def correlations(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
@@ -240,14 +271,22 @@ def orders(comparison: "Comparison", width: float, height: float) -> tuple[Any, 
     best = min(c.validation_rms for c in choice.candidates)
     unit = record.unit(record.outputs[0])
     reading = (
-        f"The {ordinal(chosen.order)}-order model chosen has {quantity(chosen.validation_rms, unit)}; the smallest error of "
-        f"all is {quantity(best, unit)}."
+        f"The {ordinal(chosen.order)}-order model chosen has {quantity(chosen.validation_rms, unit)}; "
+        f"the smallest error of all is {quantity(best, unit)}."
     )
     return figure, "Free-run error on the validation rows against the order", reading
 
 
 def _look(index: int) -> dict[str, Any]:
     return series(index) | {"linewidth": 1.1}
+
+
+def _input_look(index: int) -> dict[str, Any]:
+    return {
+        "color": COLOURS[2 + index % 5],
+        "linestyle": LINE_STYLES[index % len(LINE_STYLES)],
+        "linewidth": 1.1,
+    }
 
 
 def _legend(axes: Any) -> None:
@@ -274,9 +313,9 @@ def _span(comparison: "Comparison") -> "np.ndarray[tuple[int], np.dtype[np.int64
     rows = _scored(comparison)
     part = next(part for part in record.slices if part.start <= rows[0] < part.stop)
     if comparison.judged == "validation":
-        return rows[rows < part.stop]
+        return np.asarray(rows[rows < part.stop])
     places = np.flatnonzero(record.split[part] == comparison.judged)
-    return part.start + places
+    return np.asarray(part.start + places)
 
 
 def _time(comparison: "Comparison", rows: Sequence[int] | Any) -> "Floats":
@@ -311,6 +350,3 @@ def _zoom_length(error: "Floats") -> int:
 
     wanted = max(ZOOMED_ROWS, 3 * block_length(np.nan_to_num(error) ** 2))
     return int(min(wanted, max(error.size // 4, min(60, error.size)), error.size))
-
-
-__all__ = ["Picture", "envelope", "pictures"]

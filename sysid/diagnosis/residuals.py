@@ -85,7 +85,8 @@ def input_independence(u: Floats, residual: Floats) -> CorrelationTest:
     if size == 0.0:
         return _tested(lags, np.zeros(lags.size), np.full(lags.size, BAND / np.sqrt(n)))
     products = [
-        e_centred[max(lag, 0) : n + min(lag, 0)] @ u_centred[max(-lag, 0) : n - max(lag, 0)] for lag in lags
+        e_centred[max(lag, 0) : n + min(lag, 0)] @ u_centred[max(-lag, 0) : n - max(lag, 0)]
+        for lag in lags.tolist()
     ]
     reach = max(int(np.sqrt(n)) * 2, largest)
     rho_u, rho_e = autocorrelation(u, min(reach, n - 1)), autocorrelation(residual, min(reach, n - 1))

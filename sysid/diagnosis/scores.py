@@ -171,7 +171,7 @@ def autocorrelation(series: Floats, largest_lag: int) -> Floats:
 def _block_sums(values: Floats, length: int) -> Floats:
     """Return the sum of the block that starts at each row, wrapping around."""
     wrapped = np.concatenate([[0.0], np.cumsum(np.concatenate([values, values[: length - 1]]))])
-    return wrapped[length:] - wrapped[:-length]
+    return np.asarray(wrapped[length:] - wrapped[:-length])
 
 
 def finite(value: float) -> float | None:

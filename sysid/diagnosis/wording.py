@@ -46,11 +46,13 @@ def percent(share: float) -> str:
 
     Examples
     --------
-    >>> percent(0.9312), percent(0.0042)
-    ('93 %', '0.42 %')
+    >>> percent(0.9312), percent(0.0042), percent(0.99985), percent(1.0)
+    ('93 %', '0.42 %', '99.98 %', '100 %')
     """
     value = 100.0 * share
-    return f"{significant(value, 2)} %" if abs(value) < 99.0 else f"{significant(value, 3)} %"
+    if abs(value) < 99.0 or value >= 100.0:
+        return f"{significant(value, 2 if abs(value) < 99.0 else 3)} %"
+    return f"{min(value, 99.99):.2f} %"
 
 
 ORDINALS = (

@@ -14,7 +14,7 @@ def section_coefficients(reflections: Floats) -> tuple[Floats, Floats]:
     """Return a1, a2 of each section from its reflection coefficients.
 
     A section 1 + a1 q^-1 + a2 q^-2 with a2 = k2 and a1 = k1 (1 + k2) has both poles inside the unit
-    circle exactly when \\|k1\\| < 1 and \\|k2\\| < 1; k1 = -1 puts a pole at 1, an integrator.  With an odd
+    circle exactly when abs(k1) < 1 and abs(k2) < 1; k1 = -1 puts a pole at 1, an integrator.  With an odd
     number of coefficients the last section is 1 + k1 q^-1.
 
     Examples

@@ -22,9 +22,9 @@ from sysid.linear.starts import least_squares_poles, pole_grid, steiglitz_mcbrid
 from sysid.linear.uncertainty import Uncertainty, parameter_uncertainty
 
 INITIAL_STATES = ("estimate", "rest")
-# Searches run on at most this many rows, starts are ranked on fewer; only the best end goes on to the whole record.
-SCREENING_ROWS = 20_000
-RANKING_ROWS = 8_000
+# Searches run on at most this many rows, starts are ranked on fewer; the best goes on to the whole record.
+SCREENING_ROWS = 10_000
+RANKING_ROWS = 5_000
 SEARCHED_STARTS = 4
 FIRST_ITERATIONS = 12
 LEADING = 2
@@ -110,7 +110,8 @@ class OutputErrorFit:
 
     def __repr__(self) -> str:
         lines = [
-            f"OutputErrorFit: order {self.order}, delay {self.delay}, rms {self.rms:.4g} on {self.n_rows} rows"
+            f"OutputErrorFit: order {self.order}, delay {self.delay}, "
+            f"rms {self.rms:.4g} on {self.n_rows} rows"
         ]
         lines += [
             f"  {name:9s} {value: .6g} ± {error:.2g}" for name, (value, error) in self.parameters().items()
@@ -220,7 +221,8 @@ def make_segments(record: Record, rows: Mask) -> tuple[Segment, ...]:
     """Cut the experiments that hold chosen rows, each from its first row to its last chosen one."""
     if record.y.shape[1] != 1:
         raise UsageError(
-            f"the record has {record.y.shape[1]} outputs ({', '.join(record.outputs)}): choose one output for the fit"
+            f"the record has {record.y.shape[1]} outputs ({', '.join(record.outputs)}): "
+            "choose one output for the fit"
         )
     segments = []
     for part in record.slices:
@@ -310,7 +312,10 @@ def _agreement(agree: bool, tried: int) -> str:
         return "refitted from one start"
     if agree:
         return f"{tried} searches from different starts agree"
-    return f"{tried} searches from different starts disagree: the error has local minima, so compare other orders"
+    return (
+        f"{tried} searches from different starts disagree: the error has local minima, "
+        "so compare other orders"
+    )
 
 
 def _shortened(segments: tuple[Segment, ...], rows: int) -> tuple[Segment, ...]:

@@ -111,7 +111,7 @@ def _decrease(J: Floats, r: Floats, step: Floats) -> float:
 def _step_in_box(
     J: Floats, r: Floats, scale: Floats, damping: float, lowest: Floats, highest: Floats
 ) -> Floats:
-    """Return the damped step; where it would leave the box it ends at the bound and the rest is solved anew."""
+    """Return the damped step; what would leave the box ends at its bound, the rest is solved anew."""
     step = np.zeros(J.shape[1])
     free = np.ones(J.shape[1], dtype=bool)
     while free.any():

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data import Record
-from sysid.data.record import TEST_PREFIX, Mask
+from sysid.data.record import Mask
 from sysid.errors import SysidError
 from sysid.linear.forms import Complexes, Floats
 from sysid.linear.output_error import OutputErrorFit, fit_output_error
@@ -56,6 +56,8 @@ class Choice:
         Refitted on estimation and validation rows.
     accepted : OutputErrorFit
         The same structure fitted on estimation rows only: its validation error is an honest one.
+    restarts_agree : bool
+        Whether the searches for this structure from different starts agreed.
     candidates : tuple of Candidate
     reason : str
         One sentence.
@@ -63,6 +65,7 @@ class Choice:
 
     fit: OutputErrorFit
     accepted: OutputErrorFit
+    restarts_agree: bool
     candidates: tuple[Candidate, ...]
     reason: str
 
@@ -149,23 +152,29 @@ def choose_output_error(
         trials.append(without)
         if without.candidate.validation_rms <= accepted.candidate.validation_rms * (1.0 + PRACTICAL_SHARE):
             accepted = without
+    return _choice(record, accepted, trials, _reason(record, accepted, best, len(trials)))
+
+
+def _choice(record: Record, accepted: _Trial, trials: list[_Trial], reason: str) -> Choice:
     return Choice(
-        _refit(record, accepted.fit, initial_state),
-        accepted.fit,
-        tuple(trial.candidate for trial in trials),
-        _reason(accepted, best, len(trials)),
+        fit=_refit(record, accepted.fit, record.learning),
+        accepted=_refit(record, accepted.fit, record.estimation),
+        restarts_agree=accepted.fit.restarts_agree,
+        candidates=tuple(trial.candidate for trial in trials),
+        reason=reason,
     )
 
 
-def _refit(record: Record, accepted: OutputErrorFit, initial_state: str) -> OutputErrorFit:
-    """Refit the accepted model on estimation and validation rows, from where it is."""
+def _refit(record: Record, accepted: OutputErrorFit, rows: Mask) -> OutputErrorFit:
+    """Refit the accepted model to the last digit on other rows, from where it is."""
     structure = accepted.structure
     return fit_output_error(
         record,
         structure.order,
         delay=structure.delay,
         constant=structure.constant,
-        initial_state=initial_state,
+        initial_state="estimate" if structure.free_start else "rest",
+        rows=rows,
         start=accepted.poles,
     )
 
@@ -196,8 +205,7 @@ def _stalled(trials: list[_Trial], order: int) -> bool:
 
 def _fixed(record: Record, order: int, delay: int, constant: bool, initial_state: str) -> Choice:
     trial = _try(record, order, delay, constant, initial_state, [])
-    fit = _refit(record, trial.fit, initial_state)
-    return Choice(fit, trial.fit, (trial.candidate,), "The structure was given.")
+    return _choice(record, trial, [trial], "The structure was given.")
 
 
 def _try(
@@ -214,28 +222,26 @@ def _try(
         extra_starts=_known_poles(before, order, delay),
         precise=False,
     )
-    squared = _validation_errors(fit, record) ** 2
+    squared = _validation_squares(fit, record)
     rms = float(np.sqrt(squared.mean()))
     return _Trial(fit, squared, Candidate(order, delay, constant, rms, fit.restarts_agree))
 
 
-def _validation_errors(fit: OutputErrorFit, record: Record) -> Floats:
-    """Return the free-run errors by which structures are compared.
+def _validation_squares(fit: OutputErrorFit, record: Record) -> Floats:
+    """Return the squared free-run errors by which structures are compared.
 
-    The run over the validation rows is asked what the tests will ask: where test sets continue an
-    experiment the run continues from the estimation rows; where they are experiments of their own
-    it starts anew on the validation rows, with as few rows for its initial state as they will have.
+    The run over the validation rows goes on from the estimation rows.  If a test set is an
+    experiment of its own, a run that starts anew on the validation rows, with as few rows for its
+    initial state as the test will have, counts as much: a state that needs a long past is of no use
+    there.
     """
+    free_run = predict(fit, record, rows=record.estimation).free_run
+    squares = (record.y[:, 0] - free_run) ** 2
     fresh = [part for part in record.slices if not record.learning[part].any()]
-    continued = any(
-        record.learning[part].any() and np.char.startswith(record.split[part], TEST_PREFIX).any()
-        for part in record.slices
-    )
-    if continued or not fresh or not fit.structure.free_start:
-        free_run = predict(fit, record, rows=record.estimation).free_run
-        return record.y[record.validation, 0] - free_run[record.validation]
+    if not fresh or not fit.structure.free_start:
+        return np.asarray(squares[record.validation])
     skip = max(record.skip.get(str(record.split[part][0]), 0) for part in fresh)
-    errors = []
+    compared = []
     for part in record.slices:
         rows = part.start + np.flatnonzero(record.validation[part])
         if rows.size == 0:
@@ -243,9 +249,10 @@ def _validation_errors(fit: OutputErrorFit, record: Record) -> Floats:
         whole = slice(int(rows[0]), int(rows[-1]) + 1)
         y = np.where(record.validation[whole], record.y[whole, 0], np.nan)
         used, _ = first_rows(y, skip, fit.order)
-        error = y - run_free(fit, record.u[whole], y, used)
-        errors.append(error[np.isfinite(error) & (np.arange(y.size) >= min(skip, y.size // 2))])
-    return np.concatenate(errors)
+        anew = (y - run_free(fit, record.u[whole], y, used)) ** 2
+        late = np.arange(y.size) >= min(skip, y.size // 2)
+        compared.append(0.5 * (squares[whole] + anew)[late & record.validation[whole]])
+    return np.concatenate(compared)
 
 
 def _known_poles(before: list[_Trial], order: int, delay: int) -> list[Complexes]:
@@ -288,17 +295,19 @@ def _standard_error(values: Floats, count: int) -> float:
     return float(means.std(ddof=1) / np.sqrt(means.size))
 
 
-def _reason(accepted: _Trial, best: _Trial, count: int) -> str:
+def _reason(record: Record, accepted: _Trial, best: _Trial, count: int) -> str:
     a, b = accepted.candidate, best.candidate
+    unit = record.unit(record.outputs[0])
+    own, least = f"{a.validation_rms:.3g} {unit}".strip(), f"{b.validation_rms:.3g} {unit}".strip()
     if accepted is best:
         return (
-            f"Of {count} structures, order {a.order} with delay {a.delay} has the smallest free-run error on the "
-            f"validation rows, {a.validation_rms:.4g}, and no simpler one comes within one standard error of it."
+            f"Of {count} structures, order {a.order} with delay {a.delay} has the smallest free-run error on "
+            f"the validation rows, {own}, and no simpler one comes within one standard error of it."
         )
     return (
-        f"Of {count} structures, order {a.order} with delay {a.delay} is the simplest whose free-run error on the "
-        f"validation rows, {a.validation_rms:.4g}, is within one standard error or 1 % of the best, "
-        f"{b.validation_rms:.4g} (order {b.order}, delay {b.delay})."
+        f"Of {count} structures, order {a.order} with delay {a.delay} is the simplest whose free-run error "
+        f"on the validation rows, {own}, is within one standard error or 1 % of the best, "
+        f"{least} (order {b.order}, delay {b.delay})."
     )
 
 

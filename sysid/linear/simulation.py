@@ -117,7 +117,7 @@ def simulate_state_space(
     >>> simulate_state_space([[0.5]], [[1.0]], [[1.0]], [[0.0]], [[1.0], [0.0], [0.0]]).ravel()
     array([0. , 1. , 0.5])
     """
-    matrices = [np.ascontiguousarray(matrix, dtype=np.float64) for matrix in (A, B, C, D)]
+    matrices = tuple(np.ascontiguousarray(matrix, dtype=np.float64) for matrix in (A, B, C, D))
     signal = np.ascontiguousarray(u, dtype=np.float64)
     order = matrices[0].shape[0]
     state = np.zeros(order) if initial_state is None else np.array(initial_state, dtype=np.float64)
@@ -132,7 +132,7 @@ def simulate_state_space(
             f"{(order,)} for {signal.shape[1]} inputs"
         )
     y = np.empty((signal.shape[0], n_outputs))
-    state_space_filter(*matrices, signal, state, y)
+    state_space_filter(matrices[0], matrices[1], matrices[2], matrices[3], signal, state, y)
     return y
 
 

@@ -98,7 +98,7 @@ def autoregression(runs: list[Floats]) -> tuple[Floats, float]:
 
 
 def _jacobian(segment: Segment, structure: Structure, search: Search, number: int) -> tuple[Floats, Floats]:
-    """Return the derivatives by initial state, a, b, constant, shape (n_columns, n_rows), and the residual."""
+    """Return the derivatives by initial state, a, b, constant, one a row, and the residual."""
     from sysid.linear.simulation import fitted_output
 
     n_rows, n_inputs = segment.u.shape
@@ -126,7 +126,7 @@ def _without(starts: Floats, rows: Floats) -> Floats:
     scale = np.linalg.norm(starts, axis=1, keepdims=True)
     _, values, right = np.linalg.svd(starts / np.where(scale > 0.0, scale, 1.0), full_matrices=False)
     basis = right[values > 1e-10 * values.max(initial=1e-300)]
-    return rows - (rows @ basis.T) @ basis
+    return np.asarray(rows - (rows @ basis.T) @ basis)
 
 
 def _delayed(signal: Floats, lag: int, before: float) -> Floats:
