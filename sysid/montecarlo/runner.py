@@ -23,6 +23,7 @@ __all__ = ["Failure", "Runner", "Study", "Task"]
 
 BACKENDS = ("loky", "threading", "dask")
 _UNIT_SECONDS = 0.25
+_SHORTEST_UNIT_SECONDS = 0.03  # a checkpoint costs some milliseconds
 _UNITS_PER_JOB = 8
 _LARGEST_UNIT = 4096
 
@@ -221,8 +222,11 @@ class Runner:
     def _unit_size(self, spans: list[Span], duration: float) -> int:
         """Choose units so long that their overhead is small, and so short that the work is shared evenly."""
         runs = sum(stop - start for start, stop in spans)
-        long_enough = math.ceil(_UNIT_SECONDS / max(duration, 1e-6))
-        return min(long_enough, math.ceil(runs / (_UNITS_PER_JOB * self.jobs)), _LARGEST_UNIT)
+        shortest, long_enough = (
+            math.ceil(seconds / max(duration, 1e-6)) for seconds in (_SHORTEST_UNIT_SECONDS, _UNIT_SECONDS)
+        )
+        even_share = math.ceil(runs / (_UNITS_PER_JOB * self.jobs))
+        return min(max(even_share, shortest), long_enough, _LARGEST_UNIT)
 
 
 def _cut(spans: list[Span], size: int) -> list[Span]:

@@ -30,7 +30,7 @@ def assemble(title: str, front: Blocks, chapters: Sequence[Chapter]) -> Any:
     title : str
         Title of the report.
     front : list of dict
-        Blocks of the front page.
+        Blocks of the front page; a block ``contents`` among them receives its entries.
     chapters : sequence of Chapter
         In the order of the report.
 
@@ -49,9 +49,9 @@ def assemble(title: str, front: Blocks, chapters: Sequence[Chapter]) -> Any:
     cells = []
     for number, chapter in enumerate(chapters, start=1):
         cells += _chapter(chapter, number)
-    contents: Node = {"t": "contents", "entries": _contents(cells)}
-    first = new_code_cell(metadata={"place": "the front page", "blocks": [*front, contents]})
-    cells = [first, *cells]
+    entries = _contents(cells)
+    front = [{**block, "entries": entries} if block["t"] == "contents" else block for block in front]
+    cells.insert(0, new_code_cell(metadata={"place": "the front page", "blocks": front}))
     anchors = {node["id"] for cell in cells for node in walk(cell.metadata["blocks"]) if "id" in node}
     for cell in cells:
         _finish(cell.metadata["blocks"], anchors, cell.metadata["place"])

@@ -66,6 +66,8 @@ def front_page(results: Results, title: str) -> Blocks:
         {"t": "title", "c": [text(title)], "lead": [text(_lead(results))]},
         {"t": "banner", "kind": "passed" if green else "failed", "c": [text(sentence)]},
         *_overview(papers),
+        _section("Contents"),
+        {"t": "contents", "entries": []},
         _section("What was run"),
         *facts(_provenance(results.get("provenance") or {})).blocks,
         _section("Gates"),
@@ -77,7 +79,7 @@ def front_page(results: Results, title: str) -> Blocks:
             blocks.append({**gate_table, "caption": [text(caption)] if caption else []})
         else:
             blocks.append({"t": "para", "c": [text(f"{_name(paper, content)}: no gates.")]})
-    return [*blocks, _section("Contents")]
+    return blocks
 
 
 def _section(words: str) -> Node:
@@ -96,16 +98,16 @@ def _name(paper: str, content: Mapping[str, Any]) -> str:
 def _overview(papers: Mapping[str, Mapping[str, Any]]) -> Blocks:
     if not papers:
         return []
-    used = [word for word in _VERDICTS if word != "partial" or any(_count(c, word) for c in papers.values())]
+    used = [verdict for verdict in _VERDICTS if any(_count(content, verdict) for content in papers.values())]
     rows: list[list[Cell]] = []
     for paper, content in papers.items():
         records = content.get("gates", [])
         passed = sum(bool(gate.get("passed")) for gate in records)
         link: Inline = [{"t": "link", "url": f"#{paper}", "c": [text(_name(paper, content))]}]
         word = Verdict(f"{passed} of {len(records)}", "passed" if passed == len(records) else "failed")
-        rows.append([link, len(content.get("claims", [])), *(_count(content, word) for word in used), word])
-    columns = ["Paper", "Claims", *(word.capitalize() for word in used), "Gates passed"]
-    return list(table(rows, columns, align="l" + "r" * (len(columns) - 1)).blocks)
+        rows.append([link, word, len(content.get("claims", [])), *(_count(content, verdict) for verdict in used)])
+    columns = ["Paper", "Gates passed", "Claims", *(verdict.capitalize() for verdict in used)]
+    return list(table(rows, columns, align="ll" + "r" * (len(columns) - 2)).blocks)
 
 
 def _count(content: Mapping[str, Any], verdict: str) -> int:
@@ -126,9 +128,7 @@ def _value(value: Any) -> Cell:
             nodes += [{"t": "break"}] if nodes else []
             nodes += [text(f"{key} "), {"t": "code", "s": _short(item)}]
         return nodes
-    if isinstance(value, int):
-        return numbers.number(value)
-    return _short(value)
+    return str(value) if isinstance(value, int) else _short(value)  # a seed is a name, not a quantity
 
 
 def _short(value: Any) -> str:

@@ -14,6 +14,9 @@ from sysid.reporting.mathematics import embedded_math_font
 from sysid.reporting.nodes import Blocks, Inline, Node, walk
 
 
+_MANY_COLUMNS = 6
+
+
 def templates() -> Path:
     """Find the folder of templates that ships with the notebooks."""
     return Path(str(files("reports"))) / "templates"
@@ -75,9 +78,7 @@ def inline_html(nodes: Inline) -> str:
 
 
 def _title(node: Node) -> str:
-    return (
-        f'<header><h1>{inline_html(node["c"])}</h1>\n<p class="lead">{inline_html(node["lead"])}</p></header>'
-    )
+    return f'<header><h1>{inline_html(node["c"])}</h1>\n<p class="lead">{inline_html(node["lead"])}</p></header>'
 
 
 def _chapter(node: Node) -> str:
@@ -104,9 +105,7 @@ def _item(blocks: Blocks) -> str:
 
 def _equation(node: Node) -> str:
     tag = f'<span class="tag">({escape(node["tag"])})</span>' if node["tag"] else ""
-    return (
-        f'<div class="equation" tabindex="0" role="group" aria-label="equation">{node["mathml"]}{tag}</div>'
-    )
+    return f'<div class="equation">{node["mathml"]}{tag}</div>'
 
 
 def _label(node: Node, kind: str) -> str:
@@ -114,20 +113,17 @@ def _label(node: Node, kind: str) -> str:
 
 
 def _table(node: Node) -> str:
-    caption = (
-        f"<caption>{_label(node, 'Table')}{inline_html(node['caption'])}</caption>\n"
-        if node["caption"]
-        else ""
-    )
+    legend = f"<figcaption>{_label(node, 'Table')}{inline_html(node['caption'])}</figcaption>\n"
     sides = [column["align"] for column in node["columns"]]
     heads = "".join(
         f'<th scope="col" class="{side}">{inline_html(column["c"])}</th>'
         for column, side in zip(node["columns"], sides, strict=True)
     )
     rows = "".join(f"<tr>{_row(row, sides)}</tr>\n" for row in node["rows"])
+    width = " wide" if len(sides) > _MANY_COLUMNS else ""
     return (
-        f'<div class="scroll" tabindex="0" role="group" aria-label="table">\n<table>\n{caption}'
-        f"<thead><tr>{heads}</tr></thead>\n<tbody>\n{rows}</tbody>\n</table>\n</div>"
+        f'<figure class="table{width}">\n{legend if node["caption"] else ""}<div class="scroll">\n<table>\n'
+        f"<thead><tr>{heads}</tr></thead>\n<tbody>\n{rows}</tbody>\n</table>\n</div>\n</figure>"
     )
 
 
@@ -149,19 +145,22 @@ def _figure(node: Node) -> str:
 
 
 def _facts(node: Node) -> str:
-    items = "".join(
-        f"<dt>{inline_html(term)}</dt><dd>{inline_html(value)}</dd>\n" for term, value in node["items"]
-    )
+    items = "".join(f"<dt>{inline_html(term)}</dt><dd>{inline_html(value)}</dd>\n" for term, value in node["items"])
     return f'<dl class="facts">\n{items}</dl>'
 
 
 def _contents(node: Node) -> str:
     items = "".join(
-        f'<li class="level-{entry["level"]}"><a href="#{escape(entry["id"])}">'
-        f'<span class="number">{entry["number"]}</span> {inline_html(entry["c"])}</a></li>\n'
+        f'<li class="level-{entry["level"]}"><span class="number">{entry["number"]}</span> '
+        f'<a href="#{escape(entry["id"])}">{inline_html(entry["c"])}</a></li>\n'
         for entry in node["entries"]
     )
     return f'<nav aria-label="Contents">\n<ul class="contents">\n{items}</ul>\n</nav>'
+
+
+def _banner(node: Node) -> str:
+    tone = {"passed": "good", "failed": "bad"}.get(node["kind"], "")
+    return f'<p class="summary {tone}">{inline_html(node["c"])}</p>'
 
 
 def _link(node: Node) -> str:
@@ -177,13 +176,13 @@ _BLOCKS = {
     "para": lambda node: f"<p>{inline_html(node['c'])}</p>",
     "list": _list,
     "quote": lambda node: f"<blockquote>\n{html(node['c'])}\n</blockquote>",
-    "pre": lambda node: f'<pre tabindex="0"><code>{escape(node["s"])}</code></pre>',
+    "pre": lambda node: f'<pre><code>{escape(node["s"])}</code></pre>',
     "rule": lambda node: "<hr>",
     "equation": _equation,
     "table": _table,
     "figure": _figure,
     "facts": _facts,
-    "banner": lambda node: f'<p class="summary {node["kind"]}" role="status">{inline_html(node["c"])}</p>',
+    "banner": _banner,
     "box": lambda node: f'<section class="claim">\n{html(node["c"])}\n</section>',
 }
 

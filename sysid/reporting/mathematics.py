@@ -91,6 +91,8 @@ def _characters(elements: Iterable[str]) -> set[str]:
     used = set("0123456789()[]{}|.,+−=<> ")
     for element in elements:
         used.update(html.unescape(re.sub(r"<[^>]*>", "", element)))
+        if "<msqrt" in element or "<mroot" in element:
+            used.add("√")
         used.update(_italic(letter) for letter in _SINGLE_IDENTIFIER.findall(element))
     return used
 

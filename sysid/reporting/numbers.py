@@ -8,6 +8,7 @@ from numbers import Integral, Real
 
 MINUS = "\N{MINUS SIGN}"
 MISSING = "\N{EN DASH}"
+TIED = "\N{NO-BREAK SPACE}"
 _THIN = "\N{NARROW NO-BREAK SPACE}"
 _RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
@@ -56,12 +57,12 @@ def with_error(value: float | None, std_error: float | None) -> str:
 
     Examples
     --------
-    >>> with_error(-0.00123, 0.0031)
+    >>> with_error(-0.00123, 0.0031).replace(TIED, " ")
     '−0.0012 ± 0.0031'
     """
     if value is None or std_error is None or not math.isfinite(std_error) or std_error <= 0:
         return number(value)
-    return f"{number(value, std_error)} ± {number(std_error, std_error)}"
+    return f"{number(value, std_error)}{TIED}±{TIED}{number(std_error, std_error)}"
 
 
 def values(value: object, digits: int = 4) -> str:

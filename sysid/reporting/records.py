@@ -50,9 +50,7 @@ def load(folder: Path | str | None = None) -> dict[str, Any]:
     if not isinstance(results, dict) or not isinstance(results.get("papers"), dict):
         raise DataError(f"{path} has no object 'papers'; run `sysid replicate` again")
     if results.get("schema") != 1:
-        raise DataError(
-            f"{path} has schema {results.get('schema')!r}, this version reads 1; run `sysid replicate` again"
-        )
+        raise DataError(f"{path} has schema {results.get('schema')!r}, this version reads 1; run `sysid replicate` again")
     return results
 
 
@@ -80,8 +78,7 @@ def claim(results: Results, paper: str, identifier: str, *picture: Display) -> D
     record = _find(_paper(results, paper).get("claims", []), identifier, f"claim of {paper}")
     unit = f" {record['unit']}" if record.get("unit") else ""
     items: dict[str, Cell] = {
-        "Printed": numbers.values(record.get("printed"))
-        + (unit if record.get("printed") is not None else ""),
+        "Printed": numbers.values(record.get("printed")) + (unit if record.get("printed") is not None else ""),
         "Ours": numbers.values(record.get("value")) + (unit if record.get("value") is not None else ""),
         "Verdict": claim_verdict(record),
         "Tolerance": tolerance(record.get("tolerance")),
@@ -94,24 +91,21 @@ def claim(results: Results, paper: str, identifier: str, *picture: Display) -> D
     return Display(({"t": "box", "c": blocks},))
 
 
-def claims(
-    results: Results, paper: str, *, caption: str = "The paper's claims and what became of them."
-) -> Display:
+def claims(results: Results, paper: str, *, caption: str = "The paper's claims and what became of them.") -> Display:
     """Show all claims of a paper in one table."""
     rows = [
         [
             _two_lines(str(record.get("where") or ""), str(record["id"])),
+            claim_verdict(record),
             numbers.values(record.get("printed")),
             numbers.values(record.get("value")),
             str(record.get("unit") or ""),
-            claim_verdict(record),
         ]
         for record in _paper(results, paper).get("claims", [])
     ]
-    columns = ["Claim", "Printed", "Ours", "Unit", "Verdict"]
-    if not any(row[3] for row in rows):
-        rows, columns = [row[:3] + row[4:] for row in rows], columns[:3] + columns[4:]
-    return table(rows, columns, caption=caption, align="lrrll" if len(columns) == 5 else "lrrl")
+    columns = ["Claim", "Verdict", "Printed", "Ours", "Unit"]
+    shown = 5 if any(row[4] for row in rows) else 4
+    return table([row[:shown] for row in rows], columns[:shown], caption=caption, align="llrrl"[:shown])
 
 
 def gates(results: Results, paper: str, *, caption: str | None = None, reasons: bool = True) -> Display:
@@ -137,16 +131,16 @@ def gates(results: Results, paper: str, *, caption: str | None = None, reasons: 
     rows = [
         [
             _two_lines(str(record["id"]), str(record.get("reason") or "") if reasons else "", code=True),
+            gate_verdict(record),
             numbers.values(record.get("value")),
             allowed(record),
             str(record.get("type") or ""),
-            gate_verdict(record),
         ]
         for record in ordered
     ]
     passed = sum(bool(record.get("passed")) for record in records)
     words = caption if caption is not None else f"Gates: {passed} of {len(records)} passed."
-    return table(rows, ["Gate", "Value", "Allowed", "Type", "Verdict"], caption=words, align="lrlll")
+    return table(rows, ["Gate", "Verdict", "Value", "Allowed", "Type"], caption=words, align="llrll")
 
 
 def monte_carlo(results: Results, paper: str, case: str, *, caption: str | None = None) -> Display:
@@ -167,22 +161,10 @@ def monte_carlo(results: Results, paper: str, case: str, *, caption: str | None 
     """
     studies = _paper(results, paper).get("monte_carlo", {})
     if case not in studies:
-        raise ReportError(
-            f"results of {paper} hold no Monte-Carlo case {case!r}; there are: {', '.join(studies)}"
-        )
+        raise ReportError(f"results of {paper} hold no Monte-Carlo case {case!r}; there are: {', '.join(studies)}")
     study = studies[case]
     rows = [[Markdown(symbol(name)), *_statistics(entry)] for name, entry in study["parameters"].items()]
-    columns = [
-        "Parameter",
-        "True",
-        "Mean",
-        "Bias ± its std error",
-        "Std",
-        "RMSE",
-        "95 % band",
-        "Bound",
-        "Efficiency",
-    ]
+    columns = ["Parameter", "True", "Mean", "Bias ± its std error", "Std", "RMSE", "95 % band", "Bound", "Efficiency"]
     words = caption if caption is not None else (
         f"{_markdown_text(case)}: {numbers.number(study.get('n_runs'))} runs, "
         f"{numbers.number(study.get('failed', 0))} failed. Bound: the asymptotic standard deviation."
@@ -194,9 +176,7 @@ def _statistics(entry: Mapping[str, Any]) -> list[Cell]:
     error, spread = entry.get("bias_std_error"), entry.get("std")
     edge = spread / 3 if spread else None
     low, high = entry.get("q025"), entry.get("q975")
-    band = (
-        None if low is None or high is None else f"{numbers.number(low, edge)} … {numbers.number(high, edge)}"
-    )
+    band = None if low is None or high is None else _range(numbers.number(low, edge), numbers.number(high, edge))
     return [
         numbers.number(entry.get("true")),
         numbers.number(entry.get("mean"), error),
@@ -245,12 +225,11 @@ def allowed(record: Mapping[str, Any]) -> str:
     if lower is None and upper is None:
         return numbers.MISSING
     if lower is None or upper is None:
-        return f"≤ {numbers.values(upper)}" if lower is None else f"≥ {numbers.values(lower)}"
-    return (
-        f"= {numbers.values(lower)}"
-        if lower == upper
-        else f"{numbers.values(lower)} … {numbers.values(upper)}"
-    )
+        sign, bound = ("≤", upper) if lower is None else ("≥", lower)
+        return f"{sign}{numbers.TIED}{numbers.values(bound)}"
+    if lower == upper:
+        return f"={numbers.TIED}{numbers.values(lower)}"
+    return _range(numbers.values(lower), numbers.values(upper))
 
 
 def tolerance(record: object) -> str:
@@ -260,6 +239,10 @@ def tolerance(record: object) -> str:
     rest = {str(key).replace("_", " "): value for key, value in record.items() if key != "type"}
     kind = str(record.get("type") or "")
     return ", ".join(part for part in (kind, numbers.values(rest)) if part) or numbers.MISSING
+
+
+def _range(low: str, high: str) -> str:
+    return f"{low}{numbers.TIED}…{numbers.TIED}{high}"
 
 
 def _paper(results: Results, paper: str) -> Mapping[str, Any]:

@@ -60,8 +60,14 @@ def _row(elements: list[Element]) -> str:
     while place < len(elements):
         dots = _ellipsis(elements[place : place + 3])
         parts.append(dots or _translate(elements[place]))
+        if len(elements) > place + 1 and _is_matrix(elements[place]) and _is_matrix(elements[place + 1]):
+            parts.append("#h(0.17em)")  # or their parentheses touch
         place += 3 if dots else 1
     return _join(parts)
+
+
+def _is_matrix(element: Element) -> bool:
+    return element.tag == "mrow" and any(child.tag == "mtable" for child in element)
 
 
 def _ellipsis(three: list[Element]) -> str:

@@ -70,21 +70,19 @@ results = show.load()
 # ## Claims
 
 # %%
-figure, axes = show.subplots(1, 2, height=2.8)
-grid = [i / 50 for i in range(176)]
-for number, offset in enumerate((0.0, 0.4, 0.8)):
-    axes[0].plot(grid, [abs(a - 1) + offset + 0.1 * (a % 0.5) for a in grid], label=f"case {number + 1}")
-axes[0].set_xlabel(r"$\hat a$")
-axes[0].set_ylabel(r"$J(\hat a)$")
-axes[0].legend()
-for number in range(3):
-    axes[1].loglog(
-        [100, 400, 1600],
-        [10 ** (-number) / n**0.5 for n in (100, 400, 1600)],
-        **show.series(number, marker=True),
-    )
-axes[1].set_xlabel("N")
-axes[1].set_ylabel("RMSE")
+with show.style():
+    figure, axes = show.subplots(1, 2, height=2.8)
+    grid = [i / 50 for i in range(176)]
+    for number, offset in enumerate((0.0, 0.4, 0.8)):
+        axes[0].plot(grid, [abs(a - 1) + offset + 0.1 * (a % 0.5) for a in grid], label=f"case {number + 1}")
+    axes[0].set_xlabel(r"$\hat a$")
+    axes[0].set_ylabel(r"$J(\hat a)$")
+    axes[0].legend()
+    for number in range(3):
+        axes[1].loglog([100, 400, 1600], [10 ** (-number) / n**0.5 for n in (100, 400, 1600)],
+                       **show.series(number, marker=True))
+    axes[1].set_xlabel("N")
+    axes[1].set_ylabel("RMSE")
 picture = show.figure(
     figure,
     r"Cost $J(\hat a)$ over $\hat a$, and RMSE over $N$ <for> #three_cases.",
@@ -105,16 +103,10 @@ show.claims(results, "demo")
 show.monte_carlo(results, "demo", "preload")
 
 # %%
-rows = [
-    ["pre_load <b>", 1, 0.123456789, None, show.Markdown(r"$\frac{a}{b}$")],
-    ["#dead*zone*", 12345678, -1.5e-9, float("nan"), show.Verdict("passed", "passed")],
-]
-show.table(
-    rows,
-    ["Case", "Count", "Value", "$x^2$", "Mark"],
-    caption="A table of *oddities* with $x_1$.",
-    formats={"Value": ".2e"},
-)
+rows = [["pre_load <b>", 1, 0.123456789, None, show.Markdown(r"$\frac{a}{b}$")],
+        ["#dead*zone*", 12345678, -1.5e-9, float("nan"), show.Verdict("passed", "passed")]]
+show.table(rows, ["Case", "Count", "Value", "$x^2$", "Mark"], caption="A table of *oddities* with $x_1$.",
+           formats={"Value": ".2e"})
 
 # %%
 show.group(
