@@ -9,7 +9,16 @@ from typing import Any
 __version__ = "0.1.0"
 
 _PUBLIC = {
-    "fit": "sysid.separable",
+    "NONLINEARITIES": "sysid.nonlinearities",
+    "Record": "sysid.data",
+    "Runner": "sysid.montecarlo",
+    "SeparableFit": "sysid.separable",
+    "compare": "sysid.diagnosis.compare",
+    "correlation_method": "sysid.hammerstein",
+    "fit_output_error": "sysid.linear",
+    "read_record": "sysid.data",
+    "search_method": "sysid.hammerstein",
+    "two_sided_search_method": "sysid.hammerstein",
 }
 
 __all__ = ["__version__", *sorted(_PUBLIC)]

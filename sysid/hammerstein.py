@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid._compile import compiled
-from sysid.errors import DataError
+from sysid.errors import DataError, UsageError
 from sysid.nonlinearities import AffinePieces, OneParameterMap, TwoSidedMap
 from sysid.separable import (
     LaggedRegression,
@@ -124,6 +124,11 @@ def search_method(
     >>> search_method(u, y, saturation, 2, upper=3.5).eta.round(9).tolist()
     [1.0]
     """
+    if not isinstance(nonlinearity, OneParameterMap):
+        raise UsageError(
+            f"the search method takes a map with one parameter, not {nonlinearity!r}: "
+            "for different sides use two_sided_search_method"
+        )
     signal, output = _pair(u, y)
     regression = LaggedRegression.arx(output, order, starts=starts)
     # Each experiment has its own pieces: a map with memory starts anew.

@@ -390,3 +390,11 @@ def test_ratios_of_moments():
     assert moment_ratio(one, two) == 1.25
     assert moment_ratio(one, two, 0) == 0.5
     assert moment_ratio(one, two, 1) == 2.0
+
+
+def test_a_map_with_two_parameters_and_a_broken_order_are_refused():
+    u, y = np.linspace(-3, 3, 40), np.cos(np.arange(40.0))
+    with pytest.raises(UsageError, match="use two_sided_search_method"):
+        search_method(u, y, NONLINEARITIES["two-sided-relay"], 2, upper=2.0)
+    with pytest.raises(UsageError, match=r"order is 1\.5: give a whole number"):
+        search_method(u, y, NONLINEARITIES["relay"], 1.5, upper=2.0)

@@ -11,6 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid._compile import compiled
+from sysid.separable.rows import (
+    CELL_LEFT,
+    CELL_RIGHT,
+    COST,
+    DEPENDENT,
+    EVENTS,
+    FLAT,
+    HIGH,
+    LOW,
+    POINT,
+    fill_row,
+)
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -18,9 +30,7 @@ Indices = NDArray[np.int64]
 MAX_MINIMA = 16
 """Local minima kept, the lowest first; all are counted."""
 
-_DEPENDENT = 1e-13  # a pivot this small relative to its squared column norm is rounding
 _PLATEAU = 1e-12  # cost differences below this share of |y|^2 are rounding
-_BLOCK = 256  # rows factored at a time: stays in the first-level cache
 
 
 @compiled
@@ -31,7 +41,7 @@ def _gram(fixed: Floats, y: Floats, times: Indices, lags: Indices, p: Floats, q:
     gram = np.zeros((d, d))
     z = np.empty(d)
     for row in range(y.size):
-        _row(fixed, y, times, lags, p, q, row, z)
+        fill_row(fixed, y, times, lags, p, q, row, z)
         for i in range(d):
             for j in range(i + 1):
                 gram[i, j] += z[i] * z[j]
@@ -39,21 +49,6 @@ def _gram(fixed: Floats, y: Floats, times: Indices, lags: Indices, p: Floats, q:
         for j in range(i):
             gram[j, i] = gram[i, j]
     return gram
-
-
-@compiled
-def _row(
-    fixed: Floats, y: Floats, times: Indices, lags: Indices, p: Floats, q: Floats, row: int, z: Floats
-) -> None:
-    """Fill ``z`` with one row of [fixed, p lagged, q lagged, y]."""
-    n_fixed, n_lags = fixed.shape[1], lags.size
-    for i in range(n_fixed):
-        z[i] = fixed[row, i]
-    for j in range(n_lags):
-        sample = times[row] - lags[j]
-        z[n_fixed + j] = p[sample]
-        z[n_fixed + n_lags + j] = q[sample]
-    z[n_fixed + 2 * n_lags] = y[row]
 
 
 @compiled
@@ -79,7 +74,7 @@ def _change_sample(
         time = k + lags[j]
         if time >= row_of_time.size or row_of_time[time] < 0:
             continue
-        _row(fixed, y, times, lags, p, q, row_of_time[time], z)
+        fill_row(fixed, y, times, lags, p, q, row_of_time[time], z)
         for part in range(2):
             change = change_p if part == 0 else change_q
             column = n_fixed + part * n_lags + j
@@ -118,7 +113,7 @@ def _cost(gram: Floats, n_fixed: int, n_lags: int, a: float, work: Floats, theta
             if j < i:
                 work[i, j] = value / work[j, j] if work[j, j] > 0.0 else 0.0
             elif i < n:
-                work[i, i] = np.sqrt(value) if value > _DEPENDENT * work[i, i] else 0.0
+                work[i, i] = np.sqrt(value) if value > DEPENDENT * work[i, i] else 0.0
             else:
                 work[n, n] = max(value, 0.0)
     for i in range(n - 1, -1, -1):
@@ -183,10 +178,6 @@ def _stationary_point(
     return 0.5 * (left + right)
 
 
-# Columns of a point on the profile of the cost: the parameter range it stands for (a point or a flat
-# cell), the cost, the cell it lies in and the number of events applied in that cell.
-_LOW, _HIGH, _COST, _CELL_LEFT, _CELL_RIGHT, _EVENTS, _FLAT = range(7)
-_POINT = 7
 # State of the walk along the profile: direction, highest cost since the last minimum, minima seen.
 _RISING, _TOP, _SEEN = range(3)
 
@@ -195,9 +186,9 @@ _RISING, _TOP, _SEEN = range(3)
 def _keep(minima: Floats, point: Floats) -> None:
     """Insert a local minimum into the list of the lowest ones."""
     i = MAX_MINIMA - 1
-    if point[_COST] >= minima[i, _COST]:
+    if point[COST] >= minima[i, COST]:
         return
-    while i > 0 and minima[i - 1, _COST] > point[_COST]:
+    while i > 0 and minima[i - 1, COST] > point[COST]:
         minima[i] = minima[i - 1]
         i -= 1
     minima[i] = point
@@ -206,11 +197,11 @@ def _keep(minima: Floats, point: Floats) -> None:
 @compiled
 def _visit(state: Floats, candidate: Floats, minima: Floats, point: Floats, tolerance: float) -> None:
     """Take the next point of the profile; a minimum is a fall followed by a rise beyond rounding."""
-    cost = point[_COST]
+    cost = point[COST]
     if state[_RISING] == 0.0:
-        if cost < candidate[_COST]:
+        if cost < candidate[COST]:
             candidate[:] = point
-        elif cost > candidate[_COST] + tolerance:
+        elif cost > candidate[COST] + tolerance:
             _keep(minima, candidate)
             state[_SEEN] += 1
             state[_RISING] = 1.0
@@ -246,12 +237,12 @@ def _visit_cell(
     """
     y = gram.shape[0] - 1
     tolerance = _PLATEAU * gram[y, y]
-    point = np.empty(_POINT)
-    point[_CELL_LEFT], point[_CELL_RIGHT], point[_EVENTS] = left, right, events
-    point[_FLAT] = 1.0 if flat else 0.0
+    point = np.empty(POINT)
+    point[CELL_LEFT], point[CELL_RIGHT], point[EVENTS] = left, right, events
+    point[FLAT] = 1.0 if flat else 0.0
     if flat:
-        point[_LOW], point[_HIGH] = left, right
-        point[_COST] = _cost(gram, n_fixed, n_lags, left, work, theta)
+        point[LOW], point[HIGH] = left, right
+        point[COST] = _cost(gram, n_fixed, n_lags, left, work, theta)
         _visit(state, candidate, minima, point, tolerance)
         return -1.0
     n_parts = max(1, int(np.ceil((right - left) / longest)))
@@ -261,8 +252,8 @@ def _visit_cell(
     slope = _slope(gram, n_fixed, n_lags, a, theta)
     searched = False
     for part in range(n_parts):
-        point[_LOW] = point[_HIGH] = a
-        point[_COST] = cost
+        point[LOW] = point[HIGH] = a
+        point[COST] = cost
         _visit(state, candidate, minima, point, tolerance)
         b = right if part == n_parts - 1 else left + (part + 1) * (right - left) / n_parts
         cost_b = _cost(gram, n_fixed, n_lags, b, work, theta)
@@ -270,12 +261,12 @@ def _visit_cell(
         searched = slope < 0.0 < slope_b
         if searched:
             root = _stationary_point(gram, n_fixed, n_lags, a, slope, b, slope_b, work, theta)
-            point[_LOW] = point[_HIGH] = root
-            point[_COST] = _cost(gram, n_fixed, n_lags, root, work, theta)
+            point[LOW] = point[HIGH] = root
+            point[COST] = _cost(gram, n_fixed, n_lags, root, work, theta)
             _visit(state, candidate, minima, point, tolerance)
         a, cost, slope = b, cost_b, slope_b
-    point[_LOW] = point[_HIGH] = right
-    point[_COST] = cost
+    point[LOW] = point[HIGH] = right
+    point[COST] = cost
     _visit(state, candidate, minima, point, tolerance)
     return -1.0 if searched else cost
 
@@ -336,8 +327,8 @@ def sweep(
     for k in range(p.size):
         if used[k] and q[k] != 0.0:
             sloping += 1
-    minima = np.full((MAX_MINIMA, _POINT), np.inf)
-    candidate = np.full(_POINT, np.inf)
+    minima = np.full((MAX_MINIMA, POINT), np.inf)
+    candidate = np.full(POINT, np.inf)
     state = np.zeros(3)
     left = lower
     event = 0
@@ -376,138 +367,3 @@ def sweep(
         _keep(minima, candidate)
         state[_SEEN] += 1
     return minima, int(state[_SEEN])
-
-
-@compiled
-def triangular_factor(
-    fixed: Floats, y: Floats, times: Indices, lags: Indices, p: Floats, q: Floats, a: float
-) -> Floats:
-    """R of [fixed, x lagged, q lagged, y] with x = p + a q, by blocked Householder reflections."""
-    n_fixed, n_lags = fixed.shape[1], lags.size
-    d = n_fixed + 2 * n_lags + 1
-    # Column-wise storage keeps every inner loop contiguous; the first d entries hold R.
-    work = np.zeros((d, d + _BLOCK))
-    z = np.empty(d)
-    start = 0
-    while start < y.size:
-        rows = min(_BLOCK, y.size - start)
-        for i in range(rows):
-            _row(fixed, y, times, lags, p, q, start + i, z)
-            for j in range(n_lags):
-                z[n_fixed + j] += a * z[n_fixed + n_lags + j]
-            for j in range(d):
-                work[j, d + i] = z[j]
-        for j in range(d):
-            head = work[j, j]
-            tail = 0.0
-            for i in range(d, d + rows):
-                tail += work[j, i] * work[j, i]
-            if tail == 0.0:
-                continue
-            beta = -np.copysign(np.sqrt(head * head + tail), head)
-            v = head - beta
-            factor = 2.0 / (v * v + tail)
-            work[j, j] = beta
-            for c in range(j + 1, d):
-                inner = v * work[c, j]
-                for i in range(d, d + rows):
-                    inner += work[j, i] * work[c, i]
-                inner *= factor
-                work[c, j] -= inner * v
-                for i in range(d, d + rows):
-                    work[c, i] -= inner * work[j, i]
-        start += rows
-    r = np.zeros((d, d))
-    for j in range(d):
-        for i in range(j + 1):
-            r[i, j] = work[j, i]
-    return r
-
-
-@compiled
-def _solve(r: Floats, n: int, theta: Floats) -> bool:
-    """Back substitution for the first ``n`` columns against the last; False if they are dependent."""
-    last = r.shape[1] - 1
-    for i in range(n - 1, -1, -1):
-        norm = 0.0
-        for k in range(i + 1):
-            norm += r[k, i] * r[k, i]
-        if r[i, i] * r[i, i] <= _DEPENDENT * norm or norm == 0.0:
-            return False
-        value = r[i, last]
-        for k in range(i + 1, n):
-            value -= r[i, k] * theta[k]
-        theta[i] = value / r[i, i]
-    return True
-
-
-@compiled
-def polish(
-    fixed: Floats,
-    y: Floats,
-    times: Indices,
-    lags: Indices,
-    offset: Floats,
-    slope: Floats,
-    sample: Indices,
-    new_offset: Floats,
-    new_slope: Floats,
-    minimum: Floats,
-) -> tuple[bool, float, Floats, Floats, Floats, Floats]:
-    """Refine one minimum by orthogonal factorisation inside its cell.
-
-    Returns
-    -------
-    regular : bool
-        False when the regressors are dependent there (parameters and residual are then not set).
-    a : float
-        Parameter; the midpoint of a flat cell.
-    theta, residual, r, signal : ndarray
-        Linear parameters, residual, factor of [fixed, x, q, y], and the signal x at ``a``.
-    """
-    n_fixed, n_lags = fixed.shape[1], lags.size
-    n = n_fixed + n_lags
-    p, q = offset.copy(), slope.copy()
-    for event in range(int(minimum[_EVENTS])):
-        p[sample[event]], q[sample[event]] = new_offset[event], new_slope[event]
-    a = 0.5 * (minimum[_LOW] + minimum[_HIGH])
-    r = triangular_factor(fixed, y, times, lags, p, q, a)
-    theta, residual = np.zeros(n), np.zeros(y.size)
-    regular = _solve(r, n, theta)
-    if regular and minimum[_FLAT] == 0.0:
-        for _ in range(5):
-            # Gauss-Newton step in a: project r onto (I - QQ^T) q beta, all inside R.
-            along, norm, cost, size = 0.0, 0.0, 0.0, 0.0
-            for i in range(n, r.shape[0]):
-                column = 0.0
-                for j in range(n_lags):
-                    column += r[i, n + j] * theta[n_fixed + j]
-                along += column * r[i, r.shape[0] - 1]
-                norm += column * column
-                cost += r[i, r.shape[0] - 1] ** 2
-            size = minimum[_CELL_RIGHT] - minimum[_CELL_LEFT]
-            if norm == 0.0:
-                break
-            b = min(max(a + along / norm, minimum[_CELL_LEFT]), minimum[_CELL_RIGHT])
-            if abs(b - a) <= 1e-13 * (abs(a) + size):
-                break
-            trial = triangular_factor(fixed, y, times, lags, p, q, b)
-            trial_theta = np.zeros(n)
-            if not _solve(trial, n, trial_theta):
-                break
-            trial_cost = 0.0
-            for i in range(n, r.shape[0]):
-                trial_cost += trial[i, r.shape[0] - 1] ** 2
-            if trial_cost >= cost:
-                break
-            a, r, theta = b, trial, trial_theta
-    signal = p + a * q
-    if regular:
-        for row in range(y.size):
-            value = y[row]
-            for i in range(n_fixed):
-                value -= fixed[row, i] * theta[i]
-            for j in range(n_lags):
-                value -= signal[times[row] - lags[j]] * theta[n_fixed + j]
-            residual[row] = value
-    return regular, a, theta, residual, r, signal

@@ -12,6 +12,7 @@ from sysid.separable import cells
 from sysid.separable.descent import Status
 from sysid.separable.estimate import SeparableFit
 from sysid.separable.factor import finite, project, triangle
+from sysid.separable.polish import polish
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -68,8 +69,8 @@ class LaggedRegression:
         ([[1.0], [2.0], [3.0]], [2.0, 3.0, 4.0])
         """
         output = finite(y)
-        if order < 1:
-            raise UsageError(f"order is {order}: give at least 1")
+        if not isinstance(order, int | np.integer) or order < 1:
+            raise UsageError(f"order is {order!r}: give a whole number of at least 1")
         first = experiment_starts(starts, output.size)
         edges = [*first, output.size]
         shortest = min(b - a for a, b in pairwise(edges))
@@ -122,7 +123,8 @@ def search_pieces(regression: LaggedRegression, pieces: AffinePieces) -> Separab
 
     Every cell between knots is examined, so the result does not depend on a grid: constant cells
     (relays) return the midpoint of the best cell and the cell; kinks and smooth minima are found to
-    rounding.  Time and memory are linear in the number of samples.
+    rounding.  Where the cost falls towards a knot at which a regressor vanishes, its infimum is not
+    attained, and a point of that cell is returned.  Time and memory are linear in the number of samples.
 
     Parameters
     ----------
@@ -197,7 +199,7 @@ def _best(regression: LaggedRegression, pieces: AffinePieces, minima: Floats, n_
 def _polished(
     regression: LaggedRegression, pieces: AffinePieces, minimum: Floats, kept: Floats, n_minima: int
 ) -> SeparableFit:
-    regular, a, theta, residual, r, signal = cells.polish(
+    regular, a, theta, residual, r, signal = polish(
         regression.fixed, regression.y, regression.times, regression.lags,
         pieces.offset, pieces.slope, pieces.sample, pieces.new_offset, pieces.new_slope, minimum,
     )  # fmt: skip
