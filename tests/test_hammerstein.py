@@ -295,7 +295,7 @@ def test_bad_data_end_in_one_sentence():
         search_method(np.where(np.arange(100) == 7, np.nan, u), y, saturation, 2, upper=3.5)
     with pytest.raises(DataError, match="data value 8 is inf: remove the row"):
         search_method(u, np.where(np.arange(100) == 8, np.inf, y), saturation, 2, upper=3.5)
-    with pytest.raises(UsageError, match="order is 0: give at least 1"):
+    with pytest.raises(UsageError, match="order is 0: give a whole number of at least 1"):
         search_method(u, y, saturation, 0, upper=3.5)
     for lower, upper in ((0, np.inf), (2, 1), (-1, 1), (1, 1), (0, np.nan)):
         with pytest.raises(UsageError, match="saturation: the range"):

@@ -82,7 +82,15 @@ def _report(out: Path, formats: tuple[str, ...], papers: Mapping[str, Paper], ba
     from sysid.reporting import build
 
     notebooks = {name: paper.notebook for name, paper in papers.items()}
-    return list(build(out, wanted, notebooks=notebooks, progress=bars).values())
+    with bars.task("reports", len(notebooks) + len(wanted)) as bar:
+        reached = 0
+
+        def advance(done: int, total: int, what: str) -> None:
+            nonlocal reached
+            bar.advance(done - reached)
+            reached = done
+
+        return list(build(out, wanted, notebooks=notebooks, progress=advance).values())
 
 
 def _replay(arguments: argparse.Namespace, papers: Mapping[str, Paper], runs: Mapping[str, int]) -> int:
