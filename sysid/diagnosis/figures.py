@@ -201,7 +201,7 @@ def power_density(values: "Floats", period: float, length: int) -> tuple["Floats
     power[0] *= 0.5
     if length % 2 == 0:
         power[-1] *= 0.5
-    return np.fft.rfftfreq(length, period), power
+    return np.asarray(np.fft.rfftfreq(length, period), dtype=np.float64), power
 
 
 def correlations(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
