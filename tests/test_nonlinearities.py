@@ -463,3 +463,25 @@ def test_unusable_state_and_unknown_name_are_named():
         HysteresisRelay(math.inf)
     with pytest.raises(UsageError, match="no nonlinearity 'backlash'; choose one of preload, "):
         nonlinearity("backlash")
+
+
+@pytest.mark.parametrize(
+    "name", ["hysteresis-relay", "hysteresis", "hysteresis-relay-schmitt", "hysteresis-play"]
+)
+@pytest.mark.parametrize(("a", "b"), [(0.3, 4.0), (1.0, 4.0), (1.0, 1.5), (2.0, 2.4)])
+def test_moments_of_maps_with_memory(name, a, b):
+    nonlinearity = NONLINEARITIES[name]
+    distribution = Uniform.symmetric(b)
+    closed = nonlinearity.moment(distribution, a)
+    assert abs(closed - nonlinearity.moment_by_quadrature(distribution, a)) < 1e-10
+    u = distribution.sample(np.random.default_rng(8), 400_000)
+    products = nonlinearity(u, a) * u
+    # Memory correlates neighbours over a few samples: twice the error of independent products.
+    assert abs(products.mean() - closed) < 4 * 2 * products.std() / np.sqrt(products.size)
+
+
+def test_moments_of_maps_with_memory_say_what_they_need():
+    with pytest.raises(UsageError, match="known for Uniform"):
+        NONLINEARITIES["hysteresis"].moment(Uniform(0.0, 1.0), 0.5)
+    with pytest.raises(UsageError, match="never the threshold 5"):
+        NONLINEARITIES["hysteresis-play"].moment(Uniform.symmetric(4.0), 5.0)

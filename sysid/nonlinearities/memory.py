@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sysid.errors import ModelError
+from sysid.distributions import Distribution, PiecewiseUniform, Uniform
+from sysid.errors import ModelError, UsageError
 from sysid.nonlinearities.base import Floats, OneParameterMap, checked_sequence
 from sysid.nonlinearities.kernels import (
     PieceArrays,
@@ -45,6 +46,62 @@ class MemoryMap(OneParameterMap):
         """Return dx/da, shape (n_samples,); the right derivative where x has a kink in a."""
         return self._response(checked_sequence(self.name, u), *self._checked(parameters))[1]
 
+    def moment(self, distribution: Uniform, *parameters: float) -> float:
+        """Return q = E[x(k) u(k)] in closed form, in the stationary state under i.i.d. inputs.
+
+        Parameters
+        ----------
+        distribution : Uniform
+            A symmetric uniform distribution on [-b, b].
+        *parameters : float
+            The threshold a < b.
+
+        Raises
+        ------
+        UsageError
+            If the distribution is another one or does not reach the threshold.
+
+        Examples
+        --------
+        >>> SchmittTrigger().moment(Uniform.symmetric(4.0), 1.0)
+        1.875
+        """
+        b, a = self._width(distribution, *self._checked(parameters))
+        return self._moment(b, a)
+
+    def moment_by_quadrature(self, distribution: Uniform, *parameters: float) -> float:
+        """Return E[x(k) u(k)] by quadrature over the input and what the map remembers of the past."""
+        b, a = self._width(distribution, *self._checked(parameters))
+
+        def given_input(u: float) -> float:
+            def given_memory(memory: float) -> float:
+                return float(self._remembering(memory)._response(np.array([u]), a)[0][0])
+
+            return u * self._memory(b, a).expectation(given_memory, (u - a, u, u + a))
+
+        return distribution.expectation(given_input, (-a, a, 2 * a - b, b - 2 * a))
+
+    def _width(self, distribution: Uniform, a: float) -> tuple[float, float]:
+        if not isinstance(distribution, Uniform) or distribution.low != -distribution.high:
+            raise UsageError(f"{self.name}: the moment is known for Uniform(-b, b), not {distribution!r}.")
+        if a >= distribution.high:
+            raise UsageError(
+                f"{self.name}: the input reaches only {distribution.high:g}, the threshold is {a:g}; widen it."
+            )
+        return distribution.high, a
+
+    @abstractmethod
+    def _moment(self, b: float, a: float) -> float:
+        """Return E[x u] for inputs uniform on [-b, b]."""
+
+    @abstractmethod
+    def _memory(self, b: float, a: float) -> Distribution:
+        """Return the stationary distribution of what the map remembers."""
+
+    @abstractmethod
+    def _remembering(self, memory: float) -> "MemoryMap":
+        """Return the map with that memory."""
+
     @abstractmethod
     def _response(self, u: Floats, a: float) -> tuple[Floats, Floats]:
         """Return x and dx/da of checked arguments."""
@@ -74,6 +131,16 @@ class HysteresisRelay(MemoryMap):
         x = direction_relay_response(u, a, self.previous_input, self.initial_output)
         return x, np.zeros(u.size)
 
+    def _moment(self, b: float, a: float) -> float:
+        # Inside the band x is the sign of u(k-1) - u(k), whose mean given u is -u/b.
+        return (b**2 - a**2) / (2 * b) - a**3 / (3 * b**2)
+
+    def _memory(self, b: float, a: float) -> Distribution:
+        return Uniform.symmetric(b)
+
+    def _remembering(self, memory: float) -> "HysteresisRelay":
+        return HysteresisRelay(previous_input=memory)
+
     def piece_arrays(self, u: Floats, lower: float, upper: float) -> PieceArrays:
         """Return the arrays of :meth:`pieces` without any check, for estimators' inner loops.
 
@@ -101,6 +168,16 @@ class SchmittTrigger(MemoryMap):
 
     def _response(self, u: Floats, a: float) -> tuple[Floats, Floats]:
         return schmitt_response(u, a, self.initial_output), np.zeros(u.size)
+
+    def _moment(self, b: float, a: float) -> float:
+        # Inside the band the output is that of an earlier sample, independent of u(k).
+        return (b**2 - a**2) / (2 * b)
+
+    def _memory(self, b: float, a: float) -> Distribution:
+        return PiecewiseUniform((), masses=((-1.0, 0.5), (1.0, 0.5)))
+
+    def _remembering(self, memory: float) -> "SchmittTrigger":
+        return SchmittTrigger(initial_output=memory)
 
     def piece_arrays(self, u: Floats, lower: float, upper: float) -> PieceArrays:
         """Return the arrays of :meth:`pieces` without any check, for estimators' inner loops.
@@ -134,6 +211,16 @@ class Hysteresis(MemoryMap):
     def _response(self, u: Floats, a: float) -> tuple[Floats, Floats]:
         return direction_play_response(u, a, self.previous_input, self.initial_output)
 
+    def _moment(self, b: float, a: float) -> float:
+        # The mean of sgn(u(k) - u(k-1)) given u(k) = u is u/b, and E[u^2]/b = b/3.
+        return b**2 / 3 - a * b / 3
+
+    def _memory(self, b: float, a: float) -> Distribution:
+        return Uniform.symmetric(b)
+
+    def _remembering(self, memory: float) -> "Hysteresis":
+        return Hysteresis(previous_input=memory)
+
     def piece_arrays(self, u: Floats, lower: float, upper: float) -> PieceArrays:
         """Return the arrays of :meth:`pieces` without any check, for estimators' inner loops.
 
@@ -161,6 +248,17 @@ class Play(MemoryMap):
 
     def _response(self, u: Floats, a: float) -> tuple[Floats, Floats]:
         return play_response(u, a, self.initial_output)
+
+    def _moment(self, b: float, a: float) -> float:
+        # The output is uniform on [-(b - a), b - a]: where it may be left at the rate 1 - a/b it is
+        # entered with the density 1/(2b).
+        return (2 * b**3 / 3 - a * b**2 + a * (b - a) ** 2 / 3 + a**3 / 3) / (2 * b)
+
+    def _memory(self, b: float, a: float) -> Distribution:
+        return Uniform.symmetric(b - a)
+
+    def _remembering(self, memory: float) -> "Play":
+        return Play(initial_output=memory)
 
     def piece_arrays(self, u: Floats, lower: float, upper: float) -> PieceArrays:
         """Return the arrays of :meth:`pieces` without any check, for estimators' inner loops.
