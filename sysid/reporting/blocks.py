@@ -108,9 +108,15 @@ def table(
     formats = formats or {}
     _check_table(rows, columns, formats, align)
     letters = {"l": "left", "c": "centre", "r": "right"}
-    sides = [letters[letter] for letter in align] if align else [_side(rows, place) for place in range(len(columns))]
+    sides = (
+        [letters[letter] for letter in align]
+        if align
+        else [_side(rows, place) for place in range(len(columns))]
+    )
     heads = [{"c": inline(head), "align": side} for head, side in zip(columns, sides, strict=True)]
-    body = [[_cell(value, formats.get(head)) for head, value in zip(columns, row, strict=True)] for row in rows]
+    body = [
+        [_cell(value, formats.get(head)) for head, value in zip(columns, row, strict=True)] for row in rows
+    ]
     return Display(({"t": "table", "caption": inline(caption), "columns": heads, "rows": body},))
 
 
@@ -155,7 +161,9 @@ def facts(items: Mapping[str, Cell]) -> Display:
     >>> facts({"runs": 1000, "seed": 1})
     Display(facts)
     """
-    return Display(({"t": "facts", "items": [[[text(term)], _cell(value)] for term, value in items.items()]},))
+    return Display(
+        ({"t": "facts", "items": [[[text(term)], _cell(value)] for term, value in items.items()]},)
+    )
 
 
 def _check_table(
@@ -165,14 +173,20 @@ def _check_table(
         if len(row) != len(columns):
             raise UsageError(f"table: row {place} has {len(row)} cells, but there are {len(columns)} columns")
     if unknown := sorted(set(formats) - set(columns)):
-        raise UsageError(f"table: formats name no column: {', '.join(unknown)}; columns are {', '.join(columns)}")
+        raise UsageError(
+            f"table: formats name no column: {', '.join(unknown)}; columns are {', '.join(columns)}"
+        )
     if align is not None and (len(align) != len(columns) or set(align) - set("lcr")):
-        raise UsageError(f"table: align is {align!r}, but it needs one letter of l, c, r for each of {len(columns)} columns")
+        raise UsageError(
+            f"table: align is {align!r}, but {len(columns)} columns need a letter l, c or r each"
+        )
 
 
 def _side(rows: Sequence[Sequence[Cell]], place: int) -> str:
     cells = [row[place] for row in rows if row[place] is not None]
-    numeric = cells and not any(isinstance(cell, (str, Markdown, Verdict, dict, list, tuple, bool)) for cell in cells)
+    numeric = cells and not any(
+        isinstance(cell, (str, Markdown, Verdict, dict, list, tuple, bool)) for cell in cells
+    )
     return "right" if numeric else "left"
 
 

@@ -40,6 +40,8 @@ def execute(path: Path, folder: Path, timeout: float = 600.0) -> Any:
         If the file cannot be read or a cell fails; the message names the cell and the exception.
     """
     notebook = read(path)
+    if not any(cell.cell_type == "code" for cell in notebook.cells):
+        return notebook
     with tempfile.TemporaryDirectory(prefix="sysid-kernel-") as scratch:
         _run(notebook, path, folder, Path(scratch), timeout)
     return notebook
@@ -68,14 +70,20 @@ def _run(notebook: Any, path: Path, folder: Path, scratch: Path, timeout: float)
         # the client libraries warn of their own event loops and ports; a report has no say in those
         warnings.simplefilter("ignore")
         client = NotebookClient(
-            notebook, km=_kernel_manager(scratch), timeout=timeout, resources=resources, store_widget_state=False
+            notebook,
+            km=_kernel_manager(scratch),
+            timeout=timeout,
+            resources=resources,
+            store_widget_state=False,
         )
         try:
             client.execute(cleanup_kc=True, env=_environment(folder, scratch), stdout=log, stderr=log)
         except CellExecutionError as error:
             raise ReportError(_failure(notebook, path, error)) from None
         except CellTimeoutError:
-            raise ReportError(f"a cell of {path.name} took longer than {timeout:g} s; move the work out of it") from None
+            raise ReportError(
+                f"a cell of {path.name} took longer than {timeout:g} s; move the work out of it"
+            ) from None
         except (DeadKernelError, RuntimeError) as error:
             log.seek(0)
             said = log.read().strip().splitlines()
@@ -95,7 +103,9 @@ def _kernel_manager(scratch: Path) -> Any:
     (specification / "kernel.json").write_text(json.dumps(content), encoding="utf-8")
     return AsyncKernelManager(
         kernel_name=KERNEL,
-        kernel_spec_manager=KernelSpecManager(kernel_dirs=[str(scratch / "kernels")], ensure_native_kernel=False),
+        kernel_spec_manager=KernelSpecManager(
+            kernel_dirs=[str(scratch / "kernels")], ensure_native_kernel=False
+        ),
         connection_file=str(scratch / "connection.json"),
         transport="tcp",
     )

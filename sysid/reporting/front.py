@@ -34,7 +34,9 @@ def summary(results: Results) -> tuple[str, bool]:
     >>> summary({"papers": {"bai": {"gates": [{"id": "a", "passed": True}, {"id": "b", "passed": False}]}}})
     ('1 of 2 gates passed; red: bai/b.', False)
     """
-    records = [(paper, gate) for paper, content in results["papers"].items() for gate in content.get("gates", [])]
+    records = [
+        (paper, gate) for paper, content in results["papers"].items() for gate in content.get("gates", [])
+    ]
     red = [f"{paper}/{gate['id']}" for paper, gate in records if not gate.get("passed")]
     if not records:
         return "No gates were run.", False
@@ -103,7 +105,9 @@ def _overview(papers: Mapping[str, Mapping[str, Any]]) -> Blocks:
         passed = sum(bool(gate.get("passed")) for gate in records)
         link: Inline = [{"t": "link", "url": f"#{paper}", "c": [text(_name(paper, content))]}]
         word = Verdict(f"{passed} of {len(records)}", "passed" if passed == len(records) else "failed")
-        rows.append([link, word, len(content.get("claims", [])), *(_count(content, verdict) for verdict in used)])
+        rows.append(
+            [link, word, len(content.get("claims", [])), *(_count(content, verdict) for verdict in used)]
+        )
     columns = ["Paper", "Gates passed", "Claims", *(verdict.capitalize() for verdict in used)]
     return list(table(rows, columns, align="ll" + "r" * (len(columns) - 2)).blocks)
 

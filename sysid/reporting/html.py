@@ -1,9 +1,9 @@
-"""Nodes to HTML, and the nbconvert exporter that makes one self-contained page of them."""
+"""Nodes to HTML, and by nbconvert to one self-contained page."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -12,7 +12,6 @@ from typing import Any
 from sysid.reporting.document import blocks_of
 from sysid.reporting.mathematics import embedded_math_font
 from sysid.reporting.nodes import Blocks, Inline, Node, walk
-
 
 _MANY_COLUMNS = 6
 
@@ -49,16 +48,13 @@ def walk_all(blocks: Blocks) -> Sequence[Node]:
 
 
 def _exporter() -> Any:
+    """Give nbconvert's exporter a template without scripts that asks no server for anything."""
     from nbconvert.exporters import HTMLExporter
 
-    class Page(HTMLExporter):  # type: ignore[misc]
-        """nbconvert's HTML exporter with a template that has no script and asks no server for anything."""
-
-        def default_filters(self) -> Any:
-            yield from super().default_filters()
-            yield "page_html", html
-
-    return Page(extra_template_basedirs=[str(templates())], template_name="page")
+    make: Any = HTMLExporter
+    exporter = make(extra_template_basedirs=[str(templates())], template_name="page")
+    exporter.register_filter("page_html", html)
+    return exporter
 
 
 def html(blocks: Blocks) -> str:
@@ -78,7 +74,9 @@ def inline_html(nodes: Inline) -> str:
 
 
 def _title(node: Node) -> str:
-    return f'<header><h1>{inline_html(node["c"])}</h1>\n<p class="lead">{inline_html(node["lead"])}</p></header>'
+    return (
+        f'<header><h1>{inline_html(node["c"])}</h1>\n<p class="lead">{inline_html(node["lead"])}</p></header>'
+    )
 
 
 def _chapter(node: Node) -> str:
@@ -145,7 +143,9 @@ def _figure(node: Node) -> str:
 
 
 def _facts(node: Node) -> str:
-    items = "".join(f"<dt>{inline_html(term)}</dt><dd>{inline_html(value)}</dd>\n" for term, value in node["items"])
+    items = "".join(
+        f"<dt>{inline_html(term)}</dt><dd>{inline_html(value)}</dd>\n" for term, value in node["items"]
+    )
     return f'<dl class="facts">\n{items}</dl>'
 
 
@@ -168,7 +168,7 @@ def _link(node: Node) -> str:
     return f'<a href="{escape(url)}">{inline_html(node["c"])}</a>'
 
 
-_BLOCKS = {
+_BLOCKS: dict[str, Callable[[Node], str]] = {
     "title": _title,
     "chapter": _chapter,
     "heading": _heading,
@@ -176,7 +176,7 @@ _BLOCKS = {
     "para": lambda node: f"<p>{inline_html(node['c'])}</p>",
     "list": _list,
     "quote": lambda node: f"<blockquote>\n{html(node['c'])}\n</blockquote>",
-    "pre": lambda node: f'<pre><code>{escape(node["s"])}</code></pre>',
+    "pre": lambda node: f"<pre><code>{escape(node['s'])}</code></pre>",
     "rule": lambda node: "<hr>",
     "equation": _equation,
     "table": _table,
@@ -186,7 +186,7 @@ _BLOCKS = {
     "box": lambda node: f'<section class="claim">\n{html(node["c"])}\n</section>',
 }
 
-_INLINE = {
+_INLINE: dict[str, Callable[[Node], str]] = {
     "text": lambda node: escape(node["s"], quote=False),
     "emph": lambda node: f"<em>{inline_html(node['c'])}</em>",
     "strong": lambda node: f"<strong>{inline_html(node['c'])}</strong>",

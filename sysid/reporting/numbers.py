@@ -1,4 +1,4 @@
-"""Numbers as a reader wants them: as many digits as the uncertainty allows, true minus signs, no 15-digit noise."""
+"""Numbers as a reader wants them: the digits that the uncertainty allows, true minus signs."""
 
 from __future__ import annotations
 

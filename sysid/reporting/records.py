@@ -50,7 +50,9 @@ def load(folder: Path | str | None = None) -> dict[str, Any]:
     if not isinstance(results, dict) or not isinstance(results.get("papers"), dict):
         raise DataError(f"{path} has no object 'papers'; run `sysid replicate` again")
     if results.get("schema") != 1:
-        raise DataError(f"{path} has schema {results.get('schema')!r}, this version reads 1; run `sysid replicate` again")
+        raise DataError(
+            f"{path} has schema {results.get('schema')!r}, this version reads 1; run `sysid replicate` again"
+        )
     return results
 
 
@@ -78,7 +80,8 @@ def claim(results: Results, paper: str, identifier: str, *picture: Display) -> D
     record = _find(_paper(results, paper).get("claims", []), identifier, f"claim of {paper}")
     unit = f" {record['unit']}" if record.get("unit") else ""
     items: dict[str, Cell] = {
-        "Printed": numbers.values(record.get("printed")) + (unit if record.get("printed") is not None else ""),
+        "Printed": numbers.values(record.get("printed"))
+        + (unit if record.get("printed") is not None else ""),
         "Ours": numbers.values(record.get("value")) + (unit if record.get("value") is not None else ""),
         "Verdict": claim_verdict(record),
         "Tolerance": tolerance(record.get("tolerance")),
@@ -91,7 +94,9 @@ def claim(results: Results, paper: str, identifier: str, *picture: Display) -> D
     return Display(({"t": "box", "c": blocks},))
 
 
-def claims(results: Results, paper: str, *, caption: str = "The paper's claims and what became of them.") -> Display:
+def claims(
+    results: Results, paper: str, *, caption: str = "The paper's claims and what became of them."
+) -> Display:
     """Show all claims of a paper in one table."""
     rows = [
         [
@@ -161,10 +166,22 @@ def monte_carlo(results: Results, paper: str, case: str, *, caption: str | None 
     """
     studies = _paper(results, paper).get("monte_carlo", {})
     if case not in studies:
-        raise ReportError(f"results of {paper} hold no Monte-Carlo case {case!r}; there are: {', '.join(studies)}")
+        raise ReportError(
+            f"results of {paper} hold no Monte-Carlo case {case!r}; there are: {', '.join(studies)}"
+        )
     study = studies[case]
     rows = [[Markdown(symbol(name)), *_statistics(entry)] for name, entry in study["parameters"].items()]
-    columns = ["Parameter", "True", "Mean", "Bias ± its std error", "Std", "RMSE", "95 % band", "Bound", "Efficiency"]
+    columns = [
+        "Parameter",
+        "True",
+        "Mean",
+        "Bias ± its std error",
+        "Std",
+        "RMSE",
+        "95 % band",
+        "Bound",
+        "Efficiency",
+    ]
     words = caption if caption is not None else (
         f"{_markdown_text(case)}: {numbers.number(study.get('n_runs'))} runs, "
         f"{numbers.number(study.get('failed', 0))} failed. Bound: the asymptotic standard deviation."
@@ -176,7 +193,9 @@ def _statistics(entry: Mapping[str, Any]) -> list[Cell]:
     error, spread = entry.get("bias_std_error"), entry.get("std")
     edge = spread / 3 if spread else None
     low, high = entry.get("q025"), entry.get("q975")
-    band = None if low is None or high is None else _range(numbers.number(low, edge), numbers.number(high, edge))
+    band = (
+        None if low is None or high is None else _range(numbers.number(low, edge), numbers.number(high, edge))
+    )
     return [
         numbers.number(entry.get("true")),
         numbers.number(entry.get("mean"), error),

@@ -116,7 +116,9 @@ def _translate(element: Element) -> str:
             return _under_over(element)
         case "mtable":
             return _table(element)
-    raise ReportError(f"the PDF cannot show the MathML construct <{element.tag}>; write the formula in other LaTeX")
+    raise ReportError(
+        f"the PDF cannot show the MathML construct <{element.tag}>; write the formula in other LaTeX"
+    )
 
 
 def _identifier(element: Element) -> str:
@@ -161,7 +163,7 @@ def _group(children: list[Element]) -> str:
 
 
 def _fence(element: Element) -> bool:
-    """Tell whether the sign grows with what it encloses (``\\left``, ``\\right``)."""
+    r"""Tell whether the sign grows with what it encloses (``\left``, ``\right``)."""
     return element.tag == "mo" and element.get("stretchy") != "false" and element.get("minsize") is None
 
 
