@@ -1,0 +1,1 @@
+"""From measurement and model to what the model lacks."""

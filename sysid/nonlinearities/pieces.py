@@ -1,6 +1,8 @@
 """Signals that are affine in one parameter between knots, stored as a list of events."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +41,25 @@ class AffinePieces:
     sample: Indices
     new_offset: Floats
     new_slope: Floats
+
+    @classmethod
+    def joined(cls, parts: Sequence["AffinePieces"]) -> "AffinePieces":
+        """Return signals over the same range one after another, as of several experiments."""
+        if len(parts) == 1:
+            return parts[0]
+        firsts = accumulate([0, *(part.offset.size for part in parts[:-1])])
+        knot = np.concatenate([part.knot for part in parts])
+        order = np.argsort(knot, kind="stable")
+        return cls(
+            parts[0].lower,
+            parts[0].upper,
+            np.concatenate([part.offset for part in parts]),
+            np.concatenate([part.slope for part in parts]),
+            knot[order],
+            np.concatenate([part.sample + first for part, first in zip(parts, firsts, strict=True)])[order],
+            np.concatenate([part.new_offset for part in parts])[order],
+            np.concatenate([part.new_slope for part in parts])[order],
+        )
 
     def at(self, a: float) -> Floats:
         """Return the signal at parameter ``a``, shape (n_samples,); the right limit at a knot."""

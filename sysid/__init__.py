@@ -1,0 +1,34 @@
+"""Block-structured nonlinear system identification: replicate, compare, diagnose.
+
+The public names below are loaded when first used, so that importing the package costs little.
+"""
+
+from importlib import import_module
+from typing import Any
+
+__version__ = "0.1.0"
+
+_PUBLIC = {
+    "NONLINEARITIES": "sysid.nonlinearities",
+    "Record": "sysid.data",
+    "Runner": "sysid.montecarlo",
+    "SeparableFit": "sysid.separable",
+    "compare": "sysid.diagnosis.compare",
+    "correlation_method": "sysid.hammerstein",
+    "fit_output_error": "sysid.linear",
+    "read_record": "sysid.data",
+    "search_method": "sysid.hammerstein",
+    "two_sided_search_method": "sysid.hammerstein",
+}
+
+__all__ = ["__version__", *sorted(_PUBLIC)]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _PUBLIC:
+        return getattr(import_module(_PUBLIC[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, *globals()])

@@ -1,0 +1,48 @@
+"""The commands of ``sysid``: arguments here are light, the work is loaded when a command runs."""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from sysid.commands import replicate_arguments
+from sysid.diagnosis import command as compare
+
+Run = Callable[[argparse.Namespace], int]
+
+
+@dataclass(frozen=True)
+class Command:
+    """One command: its help, its arguments and how to load what it does."""
+
+    name: str
+    summary: str
+    description: str
+    example: str
+    add_arguments: Callable[[argparse.ArgumentParser], None]
+    load: Callable[[], Run]
+
+
+def _replicate() -> Run:
+    from sysid.commands.replicate import run
+
+    return run
+
+
+COMMANDS = (
+    Command(
+        "replicate",
+        "regenerate the tables and figures of papers and check them against gates",
+        "Regenerate the tables and figures of papers, check them against gates, write HTML and PDF reports.",
+        "sysid replicate bai --runs 1000 --jobs 2 --out replication --format html,pdf",
+        replicate_arguments.add,
+        _replicate,
+    ),
+    Command(
+        "compare",
+        compare.HELP,
+        "Fit a model on the estimation rows of a measurement file, judge its free run on held-out rows.",
+        "sysid compare motor.csv --input u --output y --period 0.01 --split-column set",
+        compare.add_arguments,
+        lambda: compare.run,
+    ),
+)

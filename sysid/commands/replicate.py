@@ -1,0 +1,139 @@
+"""What ``sysid replicate`` does."""
+
+import argparse
+import json
+from collections.abc import Mapping
+from itertools import groupby
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from sysid.errors import UsageError
+from sysid.gates import Gate, summary
+from sysid.montecarlo import Runner
+from sysid.progress import Progress, progress
+from sysid.replication import SCHEMA, Paper, Session, chosen_papers, jsonable, provenance, write_results
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Replicate the chosen papers; return 0 when every gate is green and 1 otherwise."""
+    papers = chosen_papers(arguments.papers)
+    if not papers:
+        raise UsageError("no paper is installed: install a package with the entry point sysid.papers")
+    runs = {
+        name: arguments.runs or (paper.smoke_runs if arguments.smoke else paper.default_runs)
+        for name, paper in papers.items()
+    }
+    console = Console()
+    if arguments.only_run is not None or arguments.case is not None:
+        return _replay(arguments, papers, runs)
+    if arguments.dry_run:
+        _list(console, papers, runs)
+        return 0
+    out: Path = arguments.out
+    if out.exists() and not out.is_dir():
+        raise UsageError(f"--out {out} is a file: name a folder")
+    out.mkdir(parents=True, exist_ok=True)
+    gates: dict[str, list[Gate]] = {}
+    results: dict[str, object] = {}
+    with progress() as bars:
+        for name, paper in papers.items():
+            results[name], gates[name] = _replicate(arguments, paper, runs[name], bars)
+        written = {
+            "schema": SCHEMA,
+            "provenance": provenance(papers, runs, arguments.seed),
+            "summary": summary(gates),
+            "papers": results,
+        }
+        places = [write_results(out, written)]
+        places += _report(out, arguments.format, papers, bars)
+    _print_gates(console, gates)
+    for place in places:
+        console.print(f"{place.suffix[1:]}: {place}", soft_wrap=True, highlight=False)
+    return 0 if all(gate.passed for group in gates.values() for gate in group) else 1
+
+
+def _replicate(
+    arguments: argparse.Namespace, paper: Paper, runs: int, bars: Progress
+) -> tuple[dict[str, object], list[Gate]]:
+    """Replicate one paper into its part of the results."""
+    with (
+        Runner(
+            jobs=arguments.jobs,
+            backend=arguments.backend,
+            scheduler=arguments.scheduler,
+            folder=arguments.out / "runs" / paper.id,
+            resume=arguments.resume,
+        ) as runner,
+        bars.task(f"{paper.id}: studies", len(paper.plan(runs))) as bar,
+    ):
+        session = Session(runs, arguments.seed, arguments.smoke, runner, finished=bar.advance)
+        result = paper.replicate(session)
+    entry = {"title": paper.title, "citation": paper.citation, **result.to_json(session.timings)}
+    return entry, list(result.gates)
+
+
+def _report(out: Path, formats: tuple[str, ...], papers: Mapping[str, Paper], bars: Progress) -> list[Path]:
+    """Write the reports that were asked for."""
+    wanted = [name for name in formats if name != "json"]
+    if not wanted:
+        return []
+    from sysid.reporting import build
+
+    notebooks = {name: paper.notebook for name, paper in papers.items()}
+    with bars.task("reports", len(notebooks) + len(wanted)) as bar:
+        reached = 0
+
+        def advance(done: int, total: int, what: str) -> None:
+            nonlocal reached
+            bar.advance(done - reached)
+            reached = done
+
+        return list(build(out, wanted, notebooks=notebooks, progress=advance).values())
+
+
+def _replay(arguments: argparse.Namespace, papers: Mapping[str, Paper], runs: Mapping[str, int]) -> int:
+    """Repeat one run in this process and print its values; what it raises is shown in full."""
+    if arguments.only_run is None or arguments.case is None:
+        raise UsageError("--only-run and --case go together: name the case and the number of the run")
+    for name, paper in papers.items():
+        plan = paper.plan(runs[name])
+        if arguments.case in plan:
+            task, _ = plan[arguments.case]
+            values = Runner(jobs=1).replay(arguments.case, task, arguments.only_run, arguments.seed)
+            print(json.dumps(jsonable(dict(values)), indent=1))
+            return 0
+    raise UsageError(f"no case is named {arguments.case!r}: `sysid replicate --dry-run` lists them")
+
+
+def _list(console: Console, papers: Mapping[str, Paper], runs: Mapping[str, int]) -> None:
+    """Print the studies of a replication."""
+    table = Table("paper", "case", "runs", title="what would be run")
+    for name, paper in papers.items():
+        for case, (_, n_runs) in paper.plan(runs[name]).items():
+            table.add_row(name, case, str(n_runs))
+    console.print(table)
+
+
+def _print_gates(console: Console, gates: Mapping[str, list[Gate]]) -> None:
+    """Print how many gates of each family are green, and every red one."""
+    table = Table("paper", "gates", "type", "passed", "verdict", title="gates")
+    for paper, group in gates.items():
+        ordered = sorted(group, key=lambda gate: (gate.id.split("/")[0], gate.type))
+        for (family, kind), members in groupby(ordered, key=lambda gate: (gate.id.split("/")[0], gate.type)):
+            found = list(members)
+            passed = sum(gate.passed for gate in found)
+            verdict = "green" if passed == len(found) else "RED"
+            table.add_row(paper, family, kind, f"{passed} of {len(found)}", verdict)
+    console.print(table)
+    for paper, group in gates.items():
+        for gate in group:
+            if not gate.passed:
+                console.print(
+                    f"RED {paper} {gate.id}: {gate.value:.6g} is not in [{gate.lower:.6g}, {gate.upper:.6g}] "
+                    f"({gate.type}: {gate.reason})",
+                    highlight=False,
+                    soft_wrap=True,
+                )
+    console.print(summary(gates), highlight=False, soft_wrap=True)

@@ -1,0 +1,6 @@
+"""Measurements: records, how they are read, and what is checked before they are used."""
+
+from sysid.data.reading import read_record
+from sysid.data.record import Record, make_record
+
+__all__ = ["Record", "make_record", "read_record"]

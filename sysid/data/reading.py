@@ -1,0 +1,338 @@
+"""Read a record from a table in a text file."""
+
+import gzip
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Floats, Record, make_record
+from sysid.data.times import period_from_times, restarts
+from sysid.errors import DataError, UsageError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SEPARATORS = (";", "\t", ",", "|")
+COMMENT_SIGNS = ("#", "%", "//")
+TIME_COLUMN = "t"
+HEAD_BYTES = 65536
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a text table is written."""
+
+    encoding: str
+    separator: str
+    decimal: str
+    comment: str | None
+    columns: tuple[str, ...]
+    lines_before_header: int
+
+
+def read_record(
+    path: str | Path,
+    *,
+    inputs: Sequence[str] = ("u",),
+    outputs: Sequence[str] = ("y",),
+    period: float | None = None,
+    time: str | None = None,
+    split: str | None = None,
+    experiment: str | None = None,
+    skip: int | None = None,
+    separator: str | None = None,
+    decimal: str | None = None,
+) -> Record:
+    r"""Read a record from a CSV file, plain or compressed (``.gz``).
+
+    Separator, decimal comma, byte order mark and comment lines are detected.  A JSON file of the
+    same name beside the table may give ``units``, ``Ts`` [s] and ``splits.<set>.skip``, which are
+    used where nothing else is said.
+
+    Parameters
+    ----------
+    path : str or Path
+    inputs, outputs : sequence of str
+        Column names.
+    period : float, optional
+        Sampling period [s].
+    time : str, optional
+        Column with the time [s]; it must be uniform, and starts a new experiment where it restarts.
+    split, experiment : str, optional
+        Columns with the split and the experiment.
+    skip : int, optional
+        Rows not scored at the beginning of each test set.
+    separator, decimal : str, optional
+        Overrule what is detected.
+
+    Returns
+    -------
+    Record
+
+    Raises
+    ------
+    DataError
+        If the file cannot be read or used; the message names row, column and value.
+    UsageError
+        If a column does not exist or neither period nor time is known.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> table = pathlib.Path(folder.name, "pump.csv")
+    >>> _ = table.write_text("t;u;y\n" + "".join(f"{k};{k % 3};{k % 5},5\n" for k in range(40)))
+    >>> read_record(table, time="t")
+    Record('pump': 40 rows at 1 s, u -> y, 1 experiment, estimation 30, validation 10, test sets: none)
+    >>> folder.cleanup()
+    """
+    path = Path(path)
+    dialect = _detect(path, separator, decimal)
+    wanted = [*inputs, *outputs, *(name for name in (time, split, experiment) if name is not None)]
+    _check_columns(path, dialect.columns, wanted, inputs, outputs)
+    clock = time if time is not None else _restart_column(dialect.columns, wanted)
+    texts = [name for name in (split, experiment) if name is not None]
+    table = _read_table(path, dialect, [*wanted, *([clock] if clock is not None else [])], texts)
+    notes = _read_notes(path)
+    labels = None if split is None else _text(table, split)
+    times = None if clock is None else _numbers(table, clock, path)
+    known = None if experiment is None else _text(table, experiment)
+    groups = _experiments(known, times, strict=time is not None)
+    if time is not None and times is not None:
+        period = period_from_times(times, groups, time, period)
+    return make_record(
+        np.column_stack([_numbers(table, name, path) for name in inputs]),
+        np.column_stack([_numbers(table, name, path) for name in outputs]),
+        _known_period(period, notes),
+        name=path.name.removesuffix(".gz").rsplit(".", 1)[0],
+        inputs=tuple(inputs),
+        outputs=tuple(outputs),
+        units=_units(notes),
+        split=labels,
+        experiment=groups,
+        skip=_skips(notes, labels) if skip is None else skip,
+        source=path,
+    )
+
+
+def _open(path: Path) -> bytes:
+    """Return the first bytes of the file, decompressed."""
+    try:
+        if path.is_dir():
+            raise DataError(f"{path} is a folder: give the file with the measurements")
+        with path.open("rb") as raw:
+            packed = raw.read(2) == b"\x1f\x8b"
+        with gzip.open(path, "rb") if packed else path.open("rb") as stream:
+            return stream.read(HEAD_BYTES)
+    except FileNotFoundError:
+        raise DataError(f"there is no file {path}: check the name and the folder") from None
+    except (OSError, EOFError) as problem:
+        raise DataError(f"{path} cannot be read: {problem}") from None
+
+
+def _detect(path: Path, separator: str | None, decimal: str | None) -> Dialect:
+    """Find out how the table is written from its first lines."""
+    head = _open(path)
+    encoding = _encoding(head, path)
+    text = head.decode(encoding, errors="ignore")
+    lines = text.splitlines()
+    before = 0
+    while before < len(lines) and (not lines[before].strip() or lines[before].startswith(COMMENT_SIGNS)):
+        before += 1
+    if before == len(lines):
+        raise DataError(f"{path} is empty: it needs a header row with column names and rows of numbers")
+    comment = next((line[0] for line in lines[:before] if line.startswith(COMMENT_SIGNS)), None)
+    header = lines[before]
+    if separator is None:
+        separator = max(SEPARATORS, key=header.count)
+        if header.count(separator) == 0:
+            separator = r"\s+"
+    columns = tuple(name.strip().strip('"') for name in _cells(header, separator))
+    if all(_is_number(name) for name in columns):
+        raise DataError(
+            f"{path}: the first row is {header.strip()[:60]!r}, all numbers: columns are chosen by name, "
+            "so add a header row"
+        )
+    if decimal is None:
+        decimal = _decimal(lines[before + 1 : before + 200], separator)
+    return Dialect(encoding, separator, decimal, comment, columns, before)
+
+
+def _encoding(head: bytes, path: Path) -> str:
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    if b"\0" in head:
+        raise DataError(f"{path} is not a text table: export it as CSV")
+    try:
+        # Four bytes less, so that a character cut by the end of the head does not count.
+        head[:-4].decode("utf-8") if len(head) == HEAD_BYTES else head.decode("utf-8")
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8-sig"
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    return line.split() if separator == r"\s+" else line.split(separator)
+
+
+def _decimal(lines: Sequence[str], separator: str) -> str:
+    """Return the decimal sign: a comma if cells hold commas and no points."""
+    if separator == ",":
+        return "."
+    cells = [cell.strip() for line in lines for cell in _cells(line, separator)]
+    commas = sum(_is_number(cell.replace(",", ".")) for cell in cells if cell.count(",") == 1)
+    points = sum(_is_number(cell) for cell in cells if "." in cell)
+    return "," if commas > points else "."
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _check_columns(
+    path: Path,
+    columns: Sequence[str],
+    wanted: Sequence[str],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+) -> None:
+    for name in wanted:
+        if name not in columns:
+            near = get_close_matches(name, columns, n=1, cutoff=0.5)
+            guess = f"; did you mean {near[0]!r}?" if near else ":"
+            raise UsageError(f"{path.name} has no column {name!r}{guess} it has {', '.join(columns)}")
+        if columns.count(name) > 1:
+            raise DataError(f"{path.name} has {columns.count(name)} columns named {name!r}: rename one")
+    both = set(inputs) & set(outputs)
+    if both:
+        raise UsageError(f"column {both.pop()!r} is both input and output: choose one of the two")
+
+
+def _restart_column(columns: Sequence[str], wanted: Sequence[str]) -> str | None:
+    """Return the time column that only tells where experiments restart."""
+    return TIME_COLUMN if TIME_COLUMN in columns and TIME_COLUMN not in wanted else None
+
+
+def _read_table(path: Path, dialect: Dialect, wanted: Sequence[str], texts: Sequence[str]) -> "pd.DataFrame":
+    import pandas as pd
+
+    names = list(dict.fromkeys(wanted))
+    with path.open("rb") as raw:
+        compression = "gzip" if raw.read(2) == b"\x1f\x8b" else None
+    options: dict[str, Any] = {
+        "sep": dialect.separator,
+        "decimal": dialect.decimal,
+        "encoding": dialect.encoding,
+        "skiprows": dialect.lines_before_header + 1,
+        "header": None,
+        "names": list(dialect.columns),
+        "usecols": names,
+        "dtype": dict.fromkeys(texts, "str"),
+        "keep_default_na": False,
+        "na_values": {name: [""] for name in names if name not in texts},
+        "skipinitialspace": True,
+        "comment": dialect.comment,
+        "index_col": False,
+        "compression": compression,
+        "low_memory": False,
+    }
+    try:
+        table: pd.DataFrame = pd.read_csv(path, **options)
+    except (pd.errors.ParserError, UnicodeError, EOFError, OSError) as problem:
+        raise DataError(f"{path} cannot be read as a table: {problem}".replace("\n", " ").strip()) from None
+    if len(table) == 0:
+        raise DataError(f"{path} has a header and no rows: it needs rows of numbers")
+    return table
+
+
+def _numbers(table: "pd.DataFrame", name: str, path: Path) -> Floats:
+    """Return a column as floats; a cell that is no number is an error."""
+    import pandas as pd
+
+    column = table[name]
+    if not pd.api.types.is_numeric_dtype(column):
+        values = pd.to_numeric(column, errors="coerce").to_numpy(dtype=np.float64)
+        texts = column.fillna("").astype(str).str.strip()
+        wrong = np.isnan(values) & ~texts.str.lower().isin(["", "nan"]).to_numpy(dtype=bool)
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise DataError(
+                f"{path.name}, row {row + 1}, column {name!r}: {texts.iloc[row]!r} is not a number: "
+                "repair the cell or leave out the row"
+            )
+        return np.asarray(values)
+    return column.to_numpy(dtype=np.float64)
+
+
+def _text(table: "pd.DataFrame", name: str) -> NDArray[np.str_]:
+    return np.asarray(table[name].to_numpy(dtype=str))
+
+
+def _experiments(
+    known: NDArray[np.str_] | None, times: Floats | None, *, strict: bool
+) -> NDArray[np.str_] | None:
+    """Join the experiment column with the places where the time restarts."""
+    if times is None:
+        return known
+    new = restarts(times, known, strict=strict)
+    if not new.any():
+        return known
+    if known is None:
+        return np.asarray((1 + np.cumsum(new)).astype(str))
+    part = np.zeros(times.size, dtype=np.int64)
+    for name in np.unique(known):
+        rows = known == name
+        part[rows] = np.cumsum(new[rows])
+    return np.where(part > 0, np.char.add(np.char.add(known, " part "), (part + 1).astype(str)), known)
+
+
+def _read_notes(path: Path) -> Mapping[str, Any]:
+    """Return the JSON beside the table, or nothing."""
+    beside = path.with_name(path.name.removesuffix(".gz").rsplit(".", 1)[0] + ".json")
+    try:
+        notes = json.loads(beside.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return notes if isinstance(notes, dict) else {}
+
+
+def _units(notes: Mapping[str, Any]) -> dict[str, str]:
+    """Return the unit of each column: the first word of its description."""
+    units = notes.get("units")
+    if not isinstance(units, dict):
+        return {}
+    return {str(name): str(text).split(" (")[0].strip() for name, text in units.items()}
+
+
+def _skips(notes: Mapping[str, Any], labels: NDArray[np.str_] | None) -> dict[str, int]:
+    """Return the rows to skip of each set that the table has."""
+    splits = notes.get("splits")
+    if not isinstance(splits, dict) or labels is None:
+        return {}
+    present = set(np.unique(np.char.strip(labels)).tolist())
+    return {
+        str(name): window["skip"]
+        for name, window in splits.items()
+        if name in present and isinstance(window, dict) and isinstance(window.get("skip"), int)
+    }
+
+
+def _known_period(period: float | None, notes: Mapping[str, Any]) -> float:
+    if period is not None:
+        return period
+    if isinstance(notes.get("Ts"), int | float):
+        return float(notes["Ts"])
+    raise UsageError(
+        "the sampling period is not known: give it in seconds (--period 0.01) or name the "
+        "time column (--time t)"
+    )

@@ -1,0 +1,79 @@
+"""The time column: where it restarts, whether it is uniform, which period it has."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Floats
+from sysid.errors import DataError
+
+# Largest deviation of one step from the period.  Times are often printed with few digits.
+STEP_TOLERANCE = 0.05
+PERIOD_TOLERANCE = 0.01
+
+
+def restarts(times: Floats, known: NDArray[np.str_] | None, *, strict: bool) -> NDArray[np.bool_]:
+    """Mark the rows at which the time goes back to its first value.
+
+    Parameters
+    ----------
+    times : ndarray, shape (n_samples,)
+    known : ndarray of str, shape (n_samples,), optional
+        Experiments that are already known; the time may jump where they change.
+    strict : bool
+        Whether any other step back is an error.
+
+    Raises
+    ------
+    DataError
+        If ``strict`` and a time is not above the one before it and no restart.
+    """
+    back = np.zeros(times.size, dtype=bool)
+    back[1:] = ~(np.diff(times) > 0.0)
+    if known is not None:
+        back[1:] &= known[1:] == known[:-1]
+    typical = float(np.median(np.abs(np.diff(times)))) if times.size > 1 else 0.0
+    restart = back & (np.abs(times - times[0]) <= 0.5 * typical)
+    restart[1:] &= np.diff(times) < 0.0
+    if strict and (wrong := back & ~restart).any():
+        row = int(np.argmax(wrong))
+        raise DataError(
+            f"row {row + 1}: the time {times[row]:g} does not come after {times[row - 1]:g}: times must "
+            f"increase, or restart at {times[0]:g} for a new experiment; sort the rows or repair the time"
+        )
+    return np.asarray(restart)
+
+
+def period_from_times(
+    times: Floats, groups: NDArray[np.str_] | None, name: str, stated: float | None
+) -> float:
+    """Return the sampling period [s] of uniform times.
+
+    Raises
+    ------
+    DataError
+        If the times are not uniform, or not those of the stated period.
+    """
+    if not np.isfinite(times).all():
+        row = int(np.argmax(~np.isfinite(times)))
+        raise DataError(f"row {row + 1}, column {name!r}: the time is missing: repair or remove the row")
+    if times.size < 2:
+        raise DataError(f"column {name!r} has {times.size} times: at least two are needed to know the period")
+    inside = np.ones(times.size - 1, dtype=bool) if groups is None else groups[1:] == groups[:-1]
+    steps = np.diff(times)
+    if not inside.any():
+        raise DataError(f"column {name!r}: every experiment has one row only: a period needs at least two")
+    typical = float(np.median(steps[inside]))
+    wrong = inside & ~(np.abs(steps - typical) <= STEP_TOLERANCE * abs(typical))
+    if wrong.any():
+        row = int(np.argmax(wrong)) + 1
+        raise DataError(
+            f"row {row + 1}: the time step in {name!r} is {steps[row - 1]:g} s where the others are "
+            f"{typical:g} s: sampling must be uniform; resample the record, or mark a gap as a new experiment"
+        )
+    period = float(np.mean(steps[inside]))
+    if stated is not None and abs(stated - period) > PERIOD_TOLERANCE * period:
+        raise DataError(
+            f"the stated period is {stated:g} s and the steps in {name!r} are {period:g} s: "
+            "leave one of the two out, or repair the time's unit (seconds)"
+        )
+    return period if stated is None else stated

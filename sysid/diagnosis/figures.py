@@ -1,0 +1,352 @@
+"""Figures of the comparison page."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sysid.diagnosis.wording import ordinal, percent, quantity, significant
+from sysid.reporting.style import COLOURS, GREY, LINE_STYLES, MARKERS, series, style, subplots, svg
+
+if TYPE_CHECKING:
+    from sysid.diagnosis.compare import Comparison
+    from sysid.linear.forms import Floats
+
+# A curve of more points is drawn as the largest and smallest value of so many stretches.
+STRETCHES = 600
+ZOOMED_ROWS = 250
+WIDE, NARROW = 7.2, 3.7
+MEASURED, MODEL = "measured", "model, free run"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure for wide and narrow screens, with its words.
+
+    Attributes
+    ----------
+    title, reading : str
+        What is drawn, and what it says in this case.
+    wide, narrow : str
+        SVG texts.
+    """
+
+    title: str
+    reading: str
+    wide: str
+    narrow: str
+
+
+def pictures(comparison: "Comparison") -> list[Picture]:
+    """Draw all figures of the page."""
+    drawn = [
+        _picture(comparison, overview, 4.3),
+        _picture(comparison, worst_stretch, 4.6),
+        _picture(comparison, spectrum, 3.1),
+        _picture(comparison, correlations, 3.1),
+    ]
+    if len({c.order for c in comparison.choice.candidates}) > 1:
+        drawn.append(_picture(comparison, orders, 3.0))
+    return drawn
+
+
+Drawer = Callable[["Comparison", float, float], tuple[Any, str, str]]
+
+
+def _picture(comparison: "Comparison", draw: Drawer, height: float) -> Picture:
+    with style():
+        wide, title, reading = draw(comparison, WIDE, height)
+        narrow, _, _ = draw(comparison, NARROW, height)
+        return Picture(title, reading, svg(wide), svg(narrow))
+
+
+def envelope(t: "Floats", values: "Floats", stretches: int = STRETCHES) -> tuple["Floats", "Floats"]:
+    """Thin a curve so that it looks the same: the extremes of each stretch, in their order.
+
+    Parameters
+    ----------
+    t, values : ndarray, shape (n_samples,)
+    stretches : int
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t, x = envelope(np.arange(1000.0), np.eye(1, 1000, 500)[0], stretches=10)
+    >>> t.size, float(x.max())
+    (20, 1.0)
+    """
+    if values.size <= 4 * stretches:
+        return t, values
+    edges = np.linspace(0, values.size, stretches + 1).astype(int)
+    kept = []
+    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        piece = values[first:last]
+        if np.isnan(piece).all():
+            kept += [first, first]
+            continue
+        kept += sorted((first + int(np.nanargmin(piece)), first + int(np.nanargmax(piece))))
+    chosen = np.array(kept)
+    return t[chosen], values[chosen]
+
+
+def overview(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
+    """Draw measurement and model over the whole judged set, and the error below."""
+    record, rows = comparison.record, _span(comparison)
+    t, output = _time(comparison, rows), comparison.record.outputs[0]
+    y, model = record.y[rows, 0], comparison.prediction.free_run[rows]
+    figure, (top, bottom) = subplots(2, 1, width=width, height=height, sharex=True, height_ratios=(2, 1))
+    top.plot(*envelope(t, y), **_look(0), label=MEASURED)
+    top.plot(*envelope(t, model), **_look(1), label=MODEL)
+    top.set_ylabel(_label(record, output))
+    _legend(top)
+    bottom.plot(*envelope(t, y - model), color="#000000", linestyle="-", linewidth=0.9)
+    bottom.axhline(0.0, color=GREY, linewidth=0.6)
+    _mark_skip(comparison, rows, (top, bottom), t)
+    bottom.set_ylabel(f"error [{record.unit(output) or '–'}]")
+    bottom.set_xlabel("time [s]")
+    figure.align_ylabels()
+    judged = comparison.score_of(comparison.judged)
+    reading = (
+        f"The free run misses the measurement by {quantity(judged.free_run.rmse, judged.unit)} RMSE, "
+        f"{percent(judged.free_run.nrmse)} of the signal, on {judged.n_rows} samples"
+    )
+    largest = float(np.nanmax(np.abs(y - model)))
+    return (
+        figure,
+        f"Measurement and model on {comparison.judged}",
+        f"{reading}; the largest error is {quantity(largest, judged.unit)}.",
+    )
+
+
+def worst_stretch(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
+    """Draw measurement, model and input where the error is largest."""
+    record = comparison.record
+    rows = _worst_rows(comparison)
+    t, output = _time(comparison, rows), record.outputs[0]
+    figure, (top, bottom) = subplots(2, 1, width=width, height=height, sharex=True, height_ratios=(2, 1))
+    top.plot(t, record.y[rows, 0], **_look(0), label=MEASURED)
+    top.plot(t, comparison.prediction.free_run[rows], **_look(1), label=MODEL)
+    top.set_ylabel(_label(record, output))
+    _legend(top)
+    for index, name in enumerate(record.inputs):
+        bottom.step(t, record.u[rows, index], where="post", **_input_look(index), label=name)
+    bottom.set_ylabel(_label(record, record.inputs[0]) if len(record.inputs) == 1 else "inputs")
+    bottom.set_xlabel("time [s]")
+    figure.align_ylabels()
+    error = record.y[rows, 0] - comparison.prediction.free_run[rows]
+    local = float(np.sqrt(np.nanmean(error**2)))
+    overall = comparison.score_of(comparison.judged)
+    ratio = local / overall.free_run.rmse if overall.free_run.rmse > 0.0 else 1.0
+    reading = (
+        f"Here the error is {quantity(local, overall.unit)} RMSE, {significant(ratio, 2)} times that of the "
+        f"whole set; its mean is {quantity(float(np.nanmean(error)), overall.unit)}."
+    )
+    return figure, f"The worst stretch of {comparison.judged}, with the input", reading
+
+
+def spectrum(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
+    """Draw the spectra of measurement and error."""
+    record, rows = comparison.record, _scored(comparison)
+    y = record.y[rows, 0]
+    error = y - comparison.prediction.free_run[rows]
+    length = min(y.size, max(64, 1 << int(np.log2(y.size / 8))))
+    frequency, power = power_density(y, record.period, length)
+    _, error_power = power_density(error, record.period, length)
+    figure, axes = subplots(width=width, height=height)
+    unit = record.unit(record.outputs[0])
+    axes.loglog(frequency[1:], np.sqrt(power[1:]), **_look(0), label=MEASURED)
+    axes.loglog(frequency[1:], np.sqrt(error_power[1:]), **_look(1), label="error")
+    axes.set_xlabel("frequency [Hz]")
+    axes.set_ylabel(f"amplitude density [{unit or '1'}/√Hz]")
+    _legend(axes)
+    share = np.cumsum(error_power[1:]) / max(float(error_power[1:].sum()), 1e-300)
+    middle = float(frequency[1:][int(np.searchsorted(share, 0.9))]) if share[-1] > 0 else 0.0
+    ratio = error_power[1:] / np.maximum(power[1:], 1e-300)
+    dominated = float(power[1:][ratio < 1.0].sum() / max(float(power[1:].sum()), 1e-300))
+    reading = (
+        f"90 % of the error lies below {quantity(middle, 'Hz')}; frequencies at which the error is smaller "
+        f"than the signal hold {percent(dominated)} of the signal."
+    )
+    return figure, "Spectrum of measurement and error", reading
+
+
+def power_density(values: "Floats", period: float, length: int) -> tuple["Floats", "Floats"]:
+    """Return frequencies [Hz] and the one-sided power density by Welch's method.
+
+    Hann windows that overlap by half, each less its mean.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n_samples,)
+    period : float
+        Sampling period [s].
+    length : int
+        Rows in each window.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> frequency, power = power_density(np.sin(0.5 * np.arange(4000.0)), 1.0, 500)
+    >>> round(float(np.sum(power) * frequency[1]), 3)  # the power of a sine
+    0.5
+    """
+    starts = np.arange(0, values.size - length + 1, max(length - length // 2, 1))
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
+    power = np.zeros(length // 2 + 1)
+    for start in starts:
+        piece = values[start : start + length]
+        power += np.abs(np.fft.rfft(window * (piece - piece.mean()))) ** 2
+    power *= 2.0 * period / (starts.size * float(window @ window))
+    power[0] *= 0.5
+    if length % 2 == 0:
+        power[-1] *= 0.5
+    return np.fft.rfftfreq(length, period), power
+
+
+def correlations(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
+    """Draw residual auto- and cross-correlations with their bands."""
+    tests = list(comparison.tests.items())[:2]
+    beside = width > NARROW
+    figure, grid = subplots(
+        1 if beside else len(tests),
+        len(tests) if beside else 1,
+        width=width,
+        height=height if beside else 1.6 * height,
+        squeeze=False,
+    )
+    for axes, (name, test) in zip(grid.ravel(), tests, strict=True):
+        axes.fill_between(test.lags, -test.band, test.band, color="#d9d9d9", linewidth=0, label="99 % band")
+        axes.vlines(test.lags, 0.0, test.correlation, color=COLOURS[0], linewidth=1.2)
+        axes.plot(
+            test.lags, test.correlation, linestyle="none", marker=MARKERS[0], markersize=2.6, color=COLOURS[0]
+        )
+        axes.axhline(0.0, color=GREY, linewidth=0.6)
+        axes.set_xlabel("lag [samples]")
+        axes.set_ylabel("residual with itself" if name == "whiteness" else "input with residual")
+        _legend(axes)
+    words = [
+        "the residual is white" if tests[0][1].passed else "the residual has a memory",
+        "no linear trace of the input is left in it"
+        if tests[1][1].passed
+        else "it still follows the input linearly",
+    ]
+    reading = f"Bars beyond the grey band speak against chance: {words[0]}, and {words[1]}."
+    return figure, "Correlation of the residual with itself and with the input", reading
+
+
+def orders(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
+    """Draw the validation error of every structure tried."""
+    record, choice = comparison.record, comparison.choice
+    figure, axes = subplots(width=width, height=height)
+    tried = [c for c in choice.candidates if c.constant == choice.candidates[0].constant]
+    for index, delay in enumerate(sorted({c.delay for c in tried})):
+        points = sorted((c.order, c.validation_rms) for c in tried if c.delay == delay)
+        axes.plot(*zip(*points, strict=True), **series(index, marker=True), label=f"delay {delay}")
+    fit = choice.fit
+    chosen = min(
+        (
+            c
+            for c in choice.candidates
+            if (c.order, c.delay, c.constant) == (fit.order, fit.delay, fit.structure.constant)
+        ),
+        key=lambda c: c.validation_rms,
+    )
+    axes.plot(
+        chosen.order,
+        chosen.validation_rms,
+        linestyle="none",
+        marker="o",
+        markersize=11,
+        markerfacecolor="none",
+        markeredgecolor="#000000",
+        markeredgewidth=1.2,
+        label="chosen",
+    )
+    axes.set_yscale("log")
+    axes.set_xlabel("order of the model")
+    axes.set_xticks(sorted({c.order for c in tried}))
+    axes.set_ylabel(f"validation error [{record.unit(record.outputs[0]) or '–'}]")
+    _legend(axes)
+    best = min(c.validation_rms for c in choice.candidates)
+    unit = record.unit(record.outputs[0])
+    reading = (
+        f"The {ordinal(chosen.order)}-order model chosen has {quantity(chosen.validation_rms, unit)}; "
+        f"the smallest error of all is {quantity(best, unit)}."
+    )
+    return figure, "Free-run error on the validation rows against the order", reading
+
+
+def _look(index: int) -> dict[str, Any]:
+    return series(index) | {"linewidth": 1.1}
+
+
+def _input_look(index: int) -> dict[str, Any]:
+    return {
+        "color": COLOURS[2 + index % 5],
+        "linestyle": LINE_STYLES[index % len(LINE_STYLES)],
+        "linewidth": 1.1,
+    }
+
+
+def _legend(axes: Any) -> None:
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.1, columnspacing=1.2
+        )
+
+
+def _label(record: Any, name: str) -> str:
+    return f"{name} [{record.unit(name) or '–'}]"
+
+
+def _scored(comparison: "Comparison") -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
+    record = comparison.record
+    if comparison.judged == "validation":
+        return np.flatnonzero(record.validation)
+    return np.flatnonzero(record.scored_rows(comparison.judged))
+
+
+def _span(comparison: "Comparison") -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
+    """Return the rows of the judged set in its first experiment, those that are skipped included."""
+    record = comparison.record
+    rows = _scored(comparison)
+    part = next(part for part in record.slices if part.start <= rows[0] < part.stop)
+    if comparison.judged == "validation":
+        return np.asarray(rows[rows < part.stop])
+    places = np.flatnonzero(record.split[part] == comparison.judged)
+    return np.asarray(part.start + places)
+
+
+def _time(comparison: "Comparison", rows: Sequence[int] | Any) -> "Floats":
+    """Return times [s] from the start of the experiment."""
+    origin = max(start for start in comparison.record.starts if start <= rows[0])
+    return np.asarray((np.asarray(rows) - origin) * comparison.record.period)
+
+
+def _mark_skip(comparison: "Comparison", rows: Any, axes: Sequence[Any], t: "Floats") -> None:
+    skip = comparison.score_of(comparison.judged).skip
+    if skip > 0:
+        for one in axes:
+            one.axvspan(t[0], t[min(skip, rows.size - 1)], color="#e8e8e8", linewidth=0)
+
+
+def _worst_rows(comparison: "Comparison") -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
+    """Return the consecutive rows in which the mean squared error is largest."""
+    record, scored = comparison.record, _scored(comparison)
+    span = _span(comparison)
+    scored = scored[scored <= span[-1]]
+    whole = np.arange(scored[0], scored[-1] + 1)
+    error = record.y[whole, 0] - comparison.prediction.free_run[whole]
+    length = _zoom_length(error)
+    squared = np.concatenate([[0.0], np.cumsum(np.nan_to_num(error) ** 2)])
+    first = int(np.argmax(squared[length:] - squared[:-length]))
+    return np.asarray(whole[first : first + length])
+
+
+def _zoom_length(error: "Floats") -> int:
+    """Return how many rows show some swings of the error: a few of its correlation times."""
+    from sysid.diagnosis.scores import block_length
+
+    wanted = max(ZOOMED_ROWS, 3 * block_length(np.nan_to_num(error) ** 2))
+    return int(min(wanted, max(error.size // 4, min(60, error.size)), error.size))

@@ -1,0 +1,75 @@
+"""Numbers and units as an engineer writes them."""
+
+from math import floor, isfinite, log10
+
+PREFIXED_UNITS = ("m", "V", "A", "N", "W", "s", "Pa", "Hz", "J")
+PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M"}
+
+
+def quantity(value: float, unit: str, digits: int = 3) -> str:
+    """Write a value with its unit, with a prefix where the unit takes one.
+
+    Examples
+    --------
+    >>> quantity(0.02013, "m")
+    '20.1 mm'
+    >>> quantity(1234.5, "rpm")
+    '1230 rpm'
+    """
+    if not isfinite(value):
+        return "not defined"
+    if unit in PREFIXED_UNITS and value != 0.0:
+        power = int(min(max(3 * floor(log10(abs(value)) / 3.0), min(PREFIXES)), max(PREFIXES)))
+        return f"{significant(value / 10.0**power, digits)} {PREFIXES[power]}{unit}"
+    return f"{significant(value, digits)} {unit}".strip()
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """Write a value with so many significant digits, without an exponent where it is readable.
+
+    Examples
+    --------
+    >>> significant(0.60389), significant(123456.0), significant(1.2e-7)
+    ('0.604', '123000', '1.2e-07')
+    """
+    if value == 0.0 or not isfinite(value):
+        return f"{value:g}"
+    power = floor(log10(abs(value)))
+    if not -4 <= power <= 6:
+        return f"{value:.{digits}g}"
+    rounded = round(value, digits - 1 - power)
+    return f"{rounded:.{max(digits - 1 - power, 0)}f}"
+
+
+def percent(share: float) -> str:
+    """Write a share as a percentage.
+
+    Examples
+    --------
+    >>> percent(0.9312), percent(0.0042), percent(0.99985), percent(1.0)
+    ('93 %', '0.42 %', '99.98 %', '100 %')
+    """
+    value = 100.0 * share
+    if abs(value) < 99.0 or value >= 100.0:
+        return f"{significant(value, 2 if abs(value) < 99.0 else 3)} %"
+    return f"{min(value, 99.99):.2f} %"
+
+
+ORDINALS = (
+    "zeroth",
+    "first",
+    "second",
+    "third",
+    "fourth",
+    "fifth",
+    "sixth",
+    "seventh",
+    "eighth",
+    "ninth",
+    "tenth",
+)
+
+
+def ordinal(number: int) -> str:
+    """Write an order as a word: second, third, 12th."""
+    return ORDINALS[number] if number < len(ORDINALS) else f"{number}th"

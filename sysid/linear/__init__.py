@@ -1,0 +1,16 @@
+"""Linear blocks: simulation, and fits judged by the free run."""
+
+from sysid.linear.output_error import OutputErrorFit, fit_output_error
+from sysid.linear.selection import Choice, choose_output_error
+from sysid.linear.simulation import Prediction, predict, simulate_polynomial, simulate_state_space
+
+__all__ = [
+    "Choice",
+    "OutputErrorFit",
+    "Prediction",
+    "choose_output_error",
+    "fit_output_error",
+    "predict",
+    "simulate_polynomial",
+    "simulate_state_space",
+]

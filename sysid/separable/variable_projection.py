@@ -1,0 +1,169 @@
+"""Variable projection: descent in the nonlinear parameters with the linear ones eliminated."""
+
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import solve_triangular
+
+from sysid.separable.descent import levenberg_marquardt
+from sysid.separable.estimate import SeparableFit
+from sysid.separable.factor import Projection, finite, project, triangle
+
+Floats = NDArray[np.float64]
+
+
+class Regression(Protocol):
+    """Regressors that depend on a few nonlinear parameters."""
+
+    def regressors(self, eta: Floats) -> Floats:
+        """Return Phi(eta), shape (n_rows, n_linear)."""
+
+    def derivative(self, eta: Floats) -> Floats:
+        """Return dPhi/deta, shape (n_eta, n_rows, n_linear)."""
+
+
+def kaufman_jacobian(projection: Projection, derivative: Floats) -> Floats:
+    r"""Jacobian of the projected residual in Kaufman's approximation.
+
+    Keeps :math:`-(I - QQ^T)\,(\partial\Phi/\partial\eta_j)\,\theta`, the first of the two terms of
+    Golub and Pereyra; the gradient of the cost it gives is exact.
+
+    Parameters
+    ----------
+    projection : Projection
+        Result of `project` at the same point.
+    derivative : ndarray, shape (n_eta, n_rows, n_linear)
+        Derivative of the regressors.
+
+    Returns
+    -------
+    ndarray, shape (n_rows, n_eta)
+    """
+    moved = (derivative @ projection.theta).T
+    return projection.q @ (projection.q.T @ moved) - moved
+
+
+def golub_pereyra_jacobian(projection: Projection, derivative: Floats) -> Floats:
+    r"""Exact Jacobian of the projected residual (Golub and Pereyra 1973).
+
+    Adds to Kaufman's term :math:`-Q R^{-T} (\partial\Phi/\partial\eta_j)^T r`.
+
+    Parameters
+    ----------
+    projection : Projection
+        Result of `project` at the same point.
+    derivative : ndarray, shape (n_eta, n_rows, n_linear)
+        Derivative of the regressors.
+
+    Returns
+    -------
+    ndarray, shape (n_rows, n_eta)
+    """
+    correlated = np.einsum("jki,k->ij", derivative[:, :, projection.columns], projection.residual)
+    turned = projection.q @ solve_triangular(projection.r, correlated, trans="T")
+    return kaufman_jacobian(projection, derivative) - turned
+
+
+def fit(
+    regression: Regression,
+    y: ArrayLike,
+    start: ArrayLike,
+    *,
+    bounds: tuple[ArrayLike, ArrayLike] | None = None,
+    jacobian: Literal["golub-pereyra", "kaufman"] = "kaufman",
+    tolerance: float = 1e-10,
+    max_evaluations: int = 200,
+) -> SeparableFit:
+    r"""Descend to a minimum of the projected cost by Levenberg-Marquardt.
+
+    Parameters
+    ----------
+    regression : Regression
+        Regressors and their derivative.
+    y : array_like, shape (n_rows,)
+        Data.
+    start : array_like, shape (n_eta,)
+        Starting point of the nonlinear parameters.
+    bounds : pair of array_like, optional
+        Lower and upper bounds.
+    jacobian : {"kaufman", "golub-pereyra"}
+        Approximate or exact Jacobian of the projected residual.
+    tolerance, max_evaluations : float, int
+        See `levenberg_marquardt`.
+
+    Returns
+    -------
+    SeparableFit
+        Estimate with its status.
+
+    Raises
+    ------
+    DataError
+        If ``y`` is not finite.
+    IdentifiabilityError
+        If there are fewer rows than parameters.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.linspace(0, 2, 50)
+    >>> class Decay:
+    ...     def regressors(self, eta):
+    ...         return np.exp(-eta[0] * t)[:, None]
+    ...     def derivative(self, eta):
+    ...         return (-t * np.exp(-eta[0] * t))[None, :, None]
+    >>> fit(Decay(), 5 * np.exp(-1.5 * t), [1.0])
+    SeparableFit(eta=[1.5], theta=[5], cost=...: converged: ...)
+    """
+    data = finite(y)
+    memory: dict[bytes, Projection] = {}
+
+    def projected(eta: Floats) -> Projection:
+        key = eta.tobytes()
+        if key not in memory:
+            memory.clear()
+            phi = regression.regressors(eta)
+            if not np.all(np.isfinite(phi)):
+                phi, infeasible = np.zeros_like(phi), True
+            else:
+                infeasible = False
+            found = project(phi, data)
+            if infeasible:
+                found = Projection(found.theta, np.full(data.size, np.inf), found.q, found.r, found.columns)
+            memory[key] = found
+        return memory[key]
+
+    exact = jacobian == "golub-pereyra"
+
+    def slopes(eta: Floats) -> Floats:
+        derivative = regression.derivative(eta)
+        build = golub_pereyra_jacobian if exact else kaufman_jacobian
+        return build(projected(eta), derivative)
+
+    minimum = levenberg_marquardt(
+        lambda eta: projected(eta).residual,
+        slopes,
+        start,
+        bounds=bounds,
+        tolerance=tolerance,
+        max_evaluations=max_evaluations,
+    )
+    final = projected(minimum.x)
+    return SeparableFit(
+        eta=minimum.x,
+        theta=final.theta,
+        residual=final.residual,
+        jacobian_factor=_jacobian_factor(regression, minimum.x, final),
+        status=minimum.status,
+        cells=tuple((float(value), float(value)) for value in minimum.x),
+        minima=np.empty((0, minimum.x.size + 1)),
+        n_minima=0,
+        costs=minimum.costs,
+    )
+
+
+def _jacobian_factor(regression: Regression, eta: Floats, projection: Projection) -> Floats:
+    """R of the model's Jacobian in (eta, theta)."""
+    moved = (regression.derivative(eta) @ projection.theta).T
+    return triangle(np.column_stack([moved, regression.regressors(eta)]))
