@@ -227,10 +227,11 @@ def test_records_that_do_not_exist_are_named():
 
 def test_red_gates_come_first_and_empty_bounds_are_dashes():
     rows = show.gates(demo_results(), "demo").blocks[0]["rows"]
-    assert plain(rows[0][0]).startswith("red_gate")
-    assert plain(rows[0][1]) == "failed"
-    assert [plain(cell) for cell in rows[-1][1:4]] == ["passed", "–", "–"]
-    assert {plain(row[1]) for row in rows[1:]} == {"passed"}
+    assert [plain(cell) for cell in rows[0]] == [f"slope – {NASTY}"]
+    assert [plain(cell) for cell in rows[1][:2]] == ["red_gate", "failed"]
+    assert [plain(cell) for cell in rows[-1]] == ["empty", "passed", "–", "–"]
+    assert {plain(row[1]) for row in rows[2:] if len(row) > 1} == {"passed"}
+    assert sum(len(row) == 1 for row in rows) == 3  # one line for each reason
 
 
 def test_summary_counts_and_names_the_red_gates():
@@ -239,6 +240,19 @@ def test_summary_counts_and_names_the_red_gates():
     results["papers"]["demo"]["gates"] = [g for g in results["papers"]["demo"]["gates"] if g["passed"]]
     assert summary(results) == ("16 gates: all passed.", True)
     assert summary({"papers": {}}) == ("No gates were run.", False)
+
+
+def test_front_page_sums_up_many_gates_and_lists_the_red_ones():
+    results = demo_results()
+    del results["papers"]["plain"]
+    gate = {"value": 1.0, "lower": 0.0, "upper": 2.0, "type": "relative", "passed": True, "reason": "r"}
+    results["papers"]["demo"]["gates"] += [{**gate, "id": f"gain/{number}"} for number in range(30)]
+    tables = [node for node in front_page(results, "T") if node["t"] == "table"]
+    cells = [[plain(cell) for cell in row] for shown in tables for row in shown["rows"]]
+    assert ["red_gate", "failed", "−0.0071", "≤\N{NO-BREAK SPACE}−0.01"] in cells
+    assert ["gain", "all 30 passed", "relative"] in cells
+    assert ["monte-carlo", "all 12 passed", "Monte-Carlo band"] in cells
+    assert ["red_gate", "failed", "slope"] in cells
 
 
 def test_front_page_of_an_empty_run_renders():
@@ -330,7 +344,7 @@ def test_page_loads_nothing(folder, seen):
 def test_page_is_accessible(seen):
     assert seen.all("html")[0]["lang"] == "en"
     assert all(image["alt"] for image in seen.all("img"))
-    assert {header["scope"] for header in seen.all("th")} == {"col", "row"}
+    assert {header["scope"] for header in seen.all("th")} == {"col", "row", "rowgroup"}
     identifiers = [attributes["id"] for _, attributes in seen.tags if "id" in attributes]
     assert len(identifiers) == len(set(identifiers))
     targets = {link["href"][1:] for link in seen.all("a") if link["href"].startswith("#")}

@@ -11,9 +11,10 @@ from typing import Any
 
 from sysid.reporting.document import blocks_of
 from sysid.reporting.mathematics import embedded_math_font
-from sysid.reporting.nodes import Blocks, Inline, Node, walk
+from sysid.reporting.nodes import Blocks, Inline, Node, plain, walk
 
-_MANY_COLUMNS = 6
+_MANY_COLUMNS = 5
+_SHORT = 20  # characters
 
 
 def templates() -> Path:
@@ -117,7 +118,7 @@ def _table(node: Node) -> str:
         f'<th scope="col" class="{side}">{inline_html(column["c"])}</th>'
         for column, side in zip(node["columns"], sides, strict=True)
     )
-    rows = "".join(f"<tr>{_row(row, sides)}</tr>\n" for row in node["rows"])
+    rows = "".join(_row(row, sides) for row in node["rows"])
     width = " wide" if len(sides) > _MANY_COLUMNS else ""
     return (
         f'<figure class="table{width}">\n{legend if node["caption"] else ""}<div class="scroll">\n<table>\n'
@@ -126,10 +127,21 @@ def _table(node: Node) -> str:
 
 
 def _row(row: list[Inline], sides: list[str]) -> str:
-    cells = [f'<td class="{side}">{inline_html(cell)}</td>' for cell, side in zip(row, sides, strict=True)]
-    if cells:
-        cells[0] = f'<th scope="row" class="{sides[0]}">{inline_html(row[0])}</th>'
-    return "".join(cells)
+    first = inline_html(row[0]) if row else ""
+    if len(row) == 1 < len(sides):  # a line across, which heads the rows below it
+        head = f'<th scope="rowgroup" colspan="{len(sides)}">{first}</th>'
+        return f'</tbody>\n<tbody>\n<tr class="group">{head}</tr>\n'
+    cells = [
+        f'<td class="{side}{_tied(cell)}">{inline_html(cell)}</td>'
+        for cell, side in zip(row, sides, strict=True)
+    ]
+    cells[:1] = [f'<th scope="row" class="{sides[0]}">{first}</th>']
+    return f"<tr>{''.join(cells)}</tr>\n"
+
+
+def _tied(cell: Inline) -> str:
+    """Keep a short value in one line; a long list of numbers may break."""
+    return " tied" if len(plain(cell)) <= _SHORT else ""
 
 
 def _figure(node: Node) -> str:
