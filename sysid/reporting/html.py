@@ -149,7 +149,8 @@ def _figure(node: Node) -> str:
     reading = f' <span class="reading">{inline_html(node["reading"])}</span>' if node["reading"] else ""
     style = f' style="max-width:{100 * node["width"]:g}%"' if node["width"] < 1 else ""
     return (
-        f'<figure>\n<img src="data:image/svg+xml;base64,{data}" alt="{escape(node["alt"])}"{style}>\n'
+        f'<figure>\n<div class="scroll"><img src="data:image/svg+xml;base64,{data}" '
+        f'alt="{escape(node["alt"])}"{style}></div>\n'
         f"<figcaption>{_label(node, 'Figure')}{inline_html(node['caption'])}{reading}</figcaption>\n</figure>"
     )
 
