@@ -66,9 +66,9 @@ def maps() -> Display:
     return display.figure(
         drawing,
         "Figure 2 regenerated from the implemented maps, $a = 1$: output along a slow sweep up and down.",
-        "The last two are physical readings of the hysteretic maps. Along a slow sweep the Schmitt trigger and "
-        "the printed relay agree; the play operator holds its output after a reversal, where the printed rule "
-        "jumps.",
+        "The last two are physical readings of the hysteretic maps. Along a slow sweep the Schmitt trigger "
+        "and the printed relay agree; the play operator holds its output after a reversal, where the printed "
+        "rule jumps.",
     )
 
 

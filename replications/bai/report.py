@@ -194,8 +194,8 @@ def example_2_table(results: Results) -> Display:
         ],
         formats={"band of $a$ over least squares": ".0f"},
         caption="Example 2 under every reading: m correlations, c averaged or from one coefficient, "
-        "inputs drawn independently or one the multiple of the other. Negative square: share of runs in which "
-        "(3.14) takes the root of a negative number (the paper takes its absolute value).",
+        "inputs drawn independently or one the multiple of the other. Negative square: share of runs in "
+        "which (3.14) takes the root of a negative number (the paper takes its absolute value).",
         align="lrrrr",
     )
 
@@ -295,7 +295,7 @@ def confirmed(results: Results) -> Display:
         ),
         display.prose(
             f"The statement after (3.16), one root of the cubic below zero, one in $(0, b_1)$ and one above, "
-            f"held in {100 * share:.0f} % of 36 cases. Centring does not repair (3.10): with $a_1 + a_2$ kept, "
-            f"the covariance of $x$ and $u$ changed by {display.number(spread, digits=1)}."
+            f"held in {100 * share:.0f} % of 36 cases. Centring does not repair (3.10): with $a_1 + a_2$ "
+            f"kept, the covariance of $x$ and $u$ changed by {display.number(spread, digits=1)}."
         ),
     )

@@ -61,33 +61,45 @@ def _picture(comparison: "Comparison", draw: Drawer, height: float) -> Picture:
         return Picture(title, reading, svg(wide), svg(narrow))
 
 
-def envelope(t: "Floats", values: "Floats", stretches: int = STRETCHES) -> tuple["Floats", "Floats"]:
-    """Thin a curve so that it looks the same: the extremes of each stretch, in their order.
+def envelope(
+    t: "Floats", values: "Floats", stretches: int = STRETCHES
+) -> tuple["Floats", "Floats", "Floats"]:
+    """Thin a curve to the smallest and largest value of each stretch; a short one stays as it is.
 
     Parameters
     ----------
     t, values : ndarray, shape (n_samples,)
     stretches : int
 
+    Returns
+    -------
+    t, smallest, largest : ndarray
+
     Examples
     --------
     >>> import numpy as np
-    >>> t, x = envelope(np.arange(1000.0), np.eye(1, 1000, 500)[0], stretches=10)
-    >>> t.size, float(x.max())
-    (20, 1.0)
+    >>> t, low, high = envelope(np.arange(1000.0), np.eye(1, 1000, 500)[0], stretches=10)
+    >>> t.size, float(low.max()), float(high.max())
+    (10, 0.0, 1.0)
     """
     if values.size <= 4 * stretches:
-        return t, values
-    edges = np.linspace(0, values.size, stretches + 1).astype(int)
-    kept = []
-    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        piece = values[first:last]
-        if np.isnan(piece).all():
-            kept += [first, first]
-            continue
-        kept += sorted((first + int(np.nanargmin(piece)), first + int(np.nanargmax(piece))))
-    chosen = np.array(kept)
-    return t[chosen], values[chosen]
+        return t, values, values
+    edges = np.linspace(0, values.size, stretches + 1).astype(int)[:-1]
+    return t[edges], np.fmin.reduceat(values, edges), np.fmax.reduceat(values, edges)
+
+
+def _draw(
+    axes: Any, curve: tuple["Floats", "Floats", "Floats"], index: int, label: str, *, filled: bool
+) -> None:
+    """Draw a curve, or what is left of a long one: a filled band, or its two outlines."""
+    t, low, high = curve
+    if low is high:
+        axes.plot(t, low, **_look(index), label=label)
+    elif filled:
+        axes.fill_between(t, low, high, color=COLOURS[index], alpha=0.55, linewidth=1.0, label=label)
+    else:
+        axes.plot(t, high, **_look(index), label=label)
+        axes.plot(t, low, **_look(index))
 
 
 def overview(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
@@ -96,11 +108,11 @@ def overview(comparison: "Comparison", width: float, height: float) -> tuple[Any
     t, output = _time(comparison, rows), comparison.record.outputs[0]
     y, model = record.y[rows, 0], comparison.prediction.free_run[rows]
     figure, (top, bottom) = subplots(2, 1, width=width, height=height, sharex=True, height_ratios=(2, 1))
-    top.plot(*envelope(t, y), **_look(0), label=MEASURED)
-    top.plot(*envelope(t, model), **_look(1), label=MODEL)
+    _draw(top, envelope(t, y), 0, MEASURED, filled=True)
+    _draw(top, envelope(t, model), 1, MODEL, filled=False)
     top.set_ylabel(_label(record, output))
     _legend(top)
-    bottom.plot(*envelope(t, y - model), color="#000000", linestyle="-", linewidth=0.9)
+    _draw(bottom, envelope(t, y - model), 4, "error", filled=True)
     bottom.axhline(0.0, color=GREY, linewidth=0.6)
     _mark_skip(comparison, rows, (top, bottom), t)
     bottom.set_ylabel(f"error [{record.unit(output) or '–'}]")
@@ -161,13 +173,16 @@ def spectrum(comparison: "Comparison", width: float, height: float) -> tuple[Any
     axes.set_ylabel(f"amplitude density [{unit or '1'}/√Hz]")
     _legend(axes)
     share = np.cumsum(error_power[1:]) / max(float(error_power[1:].sum()), 1e-300)
-    middle = float(frequency[1:][int(np.searchsorted(share, 0.9))]) if share[-1] > 0 else 0.0
-    ratio = error_power[1:] / np.maximum(power[1:], 1e-300)
-    dominated = float(power[1:][ratio < 1.0].sum() / max(float(power[1:].sum()), 1e-300))
-    reading = (
-        f"90 % of the error lies below {quantity(middle, 'Hz')}; frequencies at which the error is smaller "
-        f"than the signal hold {percent(dominated)} of the signal."
-    )
+    middle = float(frequency[1:][min(int(np.searchsorted(share, 0.9)), share.size - 1)])
+    failing = np.flatnonzero(error_power[1:] > 0.5 * power[1:])
+    if failing.size == 0:
+        verdict = "the model explains more than half of the signal's power at every frequency"
+    else:
+        verdict = (
+            "the first frequency at which the model explains less than half of the signal's power is "
+            f"{quantity(float(frequency[1:][failing[0]]), 'Hz')}"
+        )
+    reading = f"90 % of the error lies below {quantity(middle, 'Hz')}; {verdict}."
     return figure, "Spectrum of measurement and error", reading
 
 
@@ -201,7 +216,7 @@ def power_density(values: "Floats", period: float, length: int) -> tuple["Floats
     power[0] *= 0.5
     if length % 2 == 0:
         power[-1] *= 0.5
-    return np.fft.rfftfreq(length, period), power
+    return np.asarray(np.fft.rfftfreq(length, period), dtype=np.float64), power
 
 
 def correlations(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:

@@ -34,6 +34,7 @@ def render(comparison: "Comparison") -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["tied"] = _tied
     record, fit = comparison.record, comparison.choice.fit
     return environment.get_template("compare.html").render(
         css=files("sysid.reporting").joinpath("page.css").read_text(encoding="utf-8"),
@@ -51,6 +52,11 @@ def render(comparison: "Comparison") -> str:
         warnings=comparison.warnings,
         provenance=_provenance(comparison),
     )
+
+
+def _tied(text: str) -> str:
+    """Keep a percent sign on the line of its number."""
+    return text.replace(" %", "\N{NO-BREAK SPACE}%")
 
 
 def _embedded(svg: str) -> str:

@@ -298,15 +298,18 @@ def _standard_error(values: Floats, count: int) -> float:
 def _reason(record: Record, accepted: _Trial, best: _Trial, count: int) -> str:
     a, b = accepted.candidate, best.candidate
     unit = record.unit(record.outputs[0])
+    runs = "validation rows"
+    if any(not record.learning[part].any() for part in record.slices) and accepted.fit.structure.free_start:
+        runs += ", continued and started anew"
     own, least = f"{a.validation_rms:.3g} {unit}".strip(), f"{b.validation_rms:.3g} {unit}".strip()
     if accepted is best:
         return (
             f"Of {count} structures, order {a.order} with delay {a.delay} has the smallest free-run error on "
-            f"the validation rows, {own}, and no simpler one comes within one standard error of it."
+            f"the {runs}, {own}, and no simpler one comes within one standard error of it."
         )
     return (
         f"Of {count} structures, order {a.order} with delay {a.delay} is the simplest whose free-run error "
-        f"on the validation rows, {own}, is within one standard error or 1 % of the best, "
+        f"on the {runs}, {own}, is within one standard error or 1 % of the best, "
         f"{least} (order {b.order}, delay {b.delay})."
     )
 

@@ -1,0 +1,330 @@
+"""Comparison: scores, intervals, residual tests, findings, page, command."""
+
+import json
+import math
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from sysid.cli import main
+from sysid.data import make_record
+from sysid.diagnosis.compare import compare
+from sysid.diagnosis.figures import envelope, power_density
+from sysid.diagnosis.residuals import input_independence, whiteness, worst_windows
+from sysid.diagnosis.scores import nrmse_interval, score
+from sysid.errors import UsageError
+
+A, B = [1.0, -1.5, 0.7], [0.0, 1.0, 0.5]
+
+
+def record(n=900, noise=0.1, seed=0, **keywords):
+    rng = np.random.default_rng(seed)
+    u = rng.standard_normal(n)
+    y = signal.lfilter(B, A, u) + noise * rng.standard_normal(n)
+    split = np.repeat(["train", "test"], [2 * n // 3, n - 2 * n // 3])
+    return make_record(u, y, 0.1, name="plant", units={"u": "V", "y": "m"}, split=split, **keywords)
+
+
+@pytest.fixture(scope="module")
+def comparison():
+    return compare(record(), order=2, delay=1)
+
+
+@pytest.fixture(scope="module")
+def page(comparison):
+    return comparison.to_html()
+
+
+# Scores
+
+
+def test_scores_are_their_definitions():
+    rng = np.random.default_rng(0)
+    y, predicted = rng.standard_normal((2, 200))
+    s = score(y, predicted)
+    error = y - predicted
+    assert s.rmse == pytest.approx(math.sqrt(np.mean(error**2)))
+    assert s.nrmse == pytest.approx(np.linalg.norm(error) / np.linalg.norm(y - y.mean()))
+    assert s.fit == pytest.approx(100 * (1 - s.nrmse))
+    assert s.vaf == pytest.approx(100 * (1 - error.var() / y.var()))
+    assert score(np.ones(5), np.zeros(5)).to_json() == {"rmse": 1.0, "nrmse": None, "fit": None, "vaf": None}
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.95])
+def test_interval_covers_the_true_nrmse(memory):
+    """95 % intervals of 200 records cover the error's true size, with coloured errors too."""
+    rng = np.random.default_rng(4)
+    n, hits = 2000, 0
+    y = np.sin(0.37 * np.arange(n)) * math.sqrt(2.0)
+    for _ in range(200):
+        error = signal.lfilter([math.sqrt(1 - memory**2)], [1.0, -memory], rng.standard_normal(n + 200))[200:]
+        low, high = nrmse_interval(y, y + 0.3 * error)
+        hits += low <= 0.3 <= high
+    # 95 % of 200 is 190 +- 3 for exact intervals; block bootstraps of coloured series cover a little less.
+    assert 174 <= hits <= 199
+
+
+def test_interval_is_repeatable_and_contains_the_estimate():
+    rng = np.random.default_rng(1)
+    y = rng.standard_normal(500)
+    predicted = y + 0.2 * rng.standard_normal(500)
+    low, high = nrmse_interval(y, predicted)
+    assert (low, high) == nrmse_interval(y, predicted)
+    assert low < score(y, predicted).nrmse < high
+
+
+# Residual tests
+
+
+def test_false_alarms_of_whiteness_are_nominal():
+    rng = np.random.default_rng(2)
+    tests = [whiteness(rng.standard_normal(800)) for _ in range(400)]
+    outside = np.mean([test.outside / test.lags.size for test in tests])
+    assert 0.006 < outside < 0.014  # 1 % of 10 000 correlations, 0.1 % standard error
+    assert sum(not test.passed for test in tests) <= 10  # 1 % of 400 is 4 +- 2
+
+
+def test_false_alarms_of_input_independence_are_nominal_for_coloured_signals():
+    rng = np.random.default_rng(3)
+    tests = []
+    for _ in range(300):
+        u = signal.lfilter([1.0], [1.0, -0.9], rng.standard_normal(1200))[200:]
+        e = signal.lfilter([1.0], [1.0, -0.8], rng.standard_normal(1200))[200:]
+        tests.append(input_independence(u, e))
+    outside = np.mean([test.outside / test.lags.size for test in tests])
+    # 1 % nominal; neighbouring lags are correlated, and the band itself is estimated from the record.
+    assert 0.004 < outside < 0.022
+    assert sum(not test.passed for test in tests) <= 9  # 1 % of 300 is 3 +- 1.7
+
+
+def test_residual_tests_find_what_is_there():
+    rng = np.random.default_rng(5)
+    u, e = rng.standard_normal((2, 1000))
+    assert not whiteness(signal.lfilter([1.0], [1.0, -0.5], e)).passed
+    test = input_independence(u, e + 0.3 * np.roll(u, 7))
+    assert not test.passed
+    assert test.lags[np.argmax(np.abs(test.correlation))] == 7
+
+
+def test_cross_correlation_is_that_of_numpy():
+    rng = np.random.default_rng(6)
+    u, e = rng.standard_normal((2, 300))
+    test = input_independence(u, e)
+    uc, ec = u - u.mean(), e - e.mean()
+    full = np.correlate(ec, uc, mode="full") / np.linalg.norm(uc) / np.linalg.norm(ec)
+    np.testing.assert_allclose(test.correlation, full[299 - 25 : 299 + 26], atol=1e-12)
+
+
+def test_windows_are_found_where_the_error_is_and_nowhere_else():
+    rng = np.random.default_rng(7)
+    e = rng.standard_normal(4000)
+    e[2000:2400] *= 4.0
+    windows = worst_windows(e)
+    assert {w.first for w in windows} == {2000, 2200}
+    assert windows[0].error_share > 4 * windows[0].data_share
+    alarms = 0
+    for memory in (0.0, 0.9):
+        errors = signal.lfilter([1.0], [1.0, -memory], rng.standard_normal((200, 2000)), axis=1)
+        alarms += sum(bool(worst_windows(error)) for error in errors)
+    assert alarms <= 14  # 1 % of 400 nominal, corrected for the twenty windows; 2 % where the error is slow
+    assert worst_windows(np.zeros(100)) == ()
+
+
+# Comparison
+
+
+def test_comparison_speaks_and_scores(comparison):
+    entry = comparison.score_of("test")
+    assert entry.free_run.rmse == pytest.approx(0.1, rel=0.1)
+    assert (entry.n_rows, entry.first_row, entry.last_row, entry.unit) == (300, 601, 900, "m")
+    first = comparison.sentences()[0]
+    assert "second-order linear model" in first
+    assert " mm RMSE" in first
+    assert comparison.tests["whiteness"].passed
+    assert comparison.tests["input_residual"].passed
+    assert [s.name for s in comparison.scores] == ["train", "validation", "test"]
+    assert comparison.score_of("validation").fitted_on == "estimation rows"
+    assert "plant" in repr(comparison)
+
+
+def test_json_is_strict_and_has_the_agreed_form(comparison):
+    text = json.dumps(comparison.to_json(), allow_nan=False)
+    content = json.loads(text)
+    assert content["schema"] == 1
+    assert {"model", "scores", "noise_floor", "where", "tests", "ports", "warnings"} <= set(content)
+    assert {"name", "order", "delay", "parameters"} <= set(content["model"])
+    assert content["model"]["parameters"]["b1"]["unit"] == "m/V"
+    assert set(content["model"]["parameters"]["a1"]) == {"value", "std_error", "unit"}
+    wanted = {"rmse", "nrmse", "fit", "vaf", "unit", "interval", "window", "initial_state", "one_step"}
+    assert wanted <= set(content["scores"]["test"])
+
+
+def test_several_test_sets_missing_output_and_skip():
+    rng = np.random.default_rng(8)
+    u = rng.standard_normal(1000)
+    y = signal.lfilter(B, A, u) + 0.05 * rng.standard_normal(1000)
+    split = np.repeat(["est", "val", "test_a", "test_b", "test_c"], 200)
+    y[600:650] = np.nan
+    y[800:] = np.nan
+    result = compare(make_record(u, y, 1.0, split=split, skip={"test_a": 10}), order=2, delay=1)
+    assert [s.name for s in result.scores] == ["est", "validation", "test_a", "test_b"]
+    assert (result.score_of("test_a").n_rows, result.score_of("test_b").n_rows) == (190, 150)
+    assert any("'test_c' has no measured output" in warning for warning in result.warnings)
+    assert np.isfinite(result.prediction.free_run).all()
+    json.dumps(result.to_json(), allow_nan=False)
+
+
+def test_record_without_test_rows_is_judged_on_validation():
+    rng = np.random.default_rng(9)
+    u = rng.standard_normal(400)
+    y = signal.lfilter(B, A, u) + 0.05 * rng.standard_normal(400)
+    result = compare(make_record(u, y, 1.0), order=2, delay=1)
+    assert result.judged == "validation"
+    assert any("no test rows" in warning for warning in result.warnings)
+
+
+def test_unknown_model_is_refused():
+    with pytest.raises(UsageError, match="model 'duffing' is not known"):
+        compare(record(), model="duffing")
+
+
+# Figures and page
+
+
+def test_envelope_keeps_the_extremes():
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal(100_000)
+    x[54_321] = 9.0
+    x[10:20] = np.nan
+    t, low, high = envelope(np.arange(x.size, dtype=float), x)
+    assert t.size == low.size == high.size == 600
+    assert (high.max(), low.min()) == (np.nanmax(x), np.nanmin(x))
+    assert (low <= high).all()
+
+
+@pytest.mark.parametrize("length", [256, 255])
+def test_spectrum_is_that_of_scipy(length):
+    x = np.random.default_rng(1).standard_normal(3000)
+    frequency, power = signal.welch(x, 10.0, nperseg=length)
+    ours = power_density(x, 0.1, length)
+    np.testing.assert_allclose(ours[0], frequency, rtol=1e-12)
+    np.testing.assert_allclose(ours[1], power, rtol=1e-9, atol=1e-12)
+
+
+def test_page_is_self_contained_and_safe():
+    rng = np.random.default_rng(10)
+    u = rng.standard_normal(300)
+    y = signal.lfilter(B, A, u) + 0.1 * rng.standard_normal(300)
+    split = np.repeat(["train", "test<script>"], [200, 100])
+    html = compare(make_record(u, y, 1.0, name="a & <b>", split=split), order=2, delay=1).to_html()
+    assert "<script" not in html
+    assert "a &amp; &lt;b&gt;" in html
+    assert not re.search(r"(?:src|href|srcset)=\"(?!data:)", html)
+    assert "url(http" not in html
+    assert html.count("<figure>") >= 4
+    assert len(html) < 2_000_000
+
+
+def test_page_is_the_same_for_the_same_record(comparison, page):
+    assert comparison.to_html() == page
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
+@pytest.mark.parametrize("width", [1280, 500])
+def test_page_in_a_browser(page, tmp_path, width):
+    file, picture = tmp_path / "page.html", tmp_path / "page.png"
+    file.write_text(page, encoding="utf-8")
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+    options += [f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},3000"]
+    shot = subprocess.run(
+        ["chromium", *options, f"--screenshot={picture}", str(file)],
+        capture_output=True,
+        timeout=120,
+        check=True,
+    )
+    assert b"CONSOLE" not in shot.stderr
+    assert picture.stat().st_size > 30_000  # a blank page has a few kB
+
+
+# The command
+
+
+def write(folder, n=600):
+    rng = np.random.default_rng(11)
+    u = rng.standard_normal(n)
+    y = signal.lfilter(B, A, u) + 0.1 * rng.standard_normal(n)
+    lines = [f"{u[k]:.6f},{y[k]:.6f},{'train' if k < 400 else 'test'}" for k in range(n)]
+    path = folder / "pump.csv"
+    path.write_text("u,y,set\n" + "\n".join(lines) + "\n")
+    return path
+
+
+def test_command_writes_page_and_json_and_answers(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    path = write(tmp_path)
+    before = path.read_bytes()
+    options = [
+        "--model",
+        "linear",
+        "--input",
+        "u",
+        "--output",
+        "y",
+        "--split-column",
+        "set",
+        "--period",
+        "0.1",
+    ]
+    assert main(["compare", "pump.csv", *options, "--order", "2", "--json", "out/pump.json"]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("A second-order linear model explains ")
+    assert "Page: sysid-out/pump.compare.html" in out
+    assert err == ""
+    assert "<svg" not in out
+    content = json.loads(Path("out/pump.json").read_text())
+    assert content["model"]["order"] == 2
+    assert content["scores"]["test"]["window"]["skip"] == 0
+    assert Path("sysid-out/pump.compare.html").stat().st_size > 50_000
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--period", "0.1", "--input", "v"], "no column 'v'"),
+        (["--period", "0.1", "--order", "0"], "order is 0"),
+        (["--period", "0.1", "--skip", "-2"], "--skip is -2"),
+        (["--period", "0.1", "--skip", "500"], "skip is 500 for the set 'test', which has 200 rows"),
+        (["--period", "0.1", "--model", "magic"], "'magic' is not known: choose one of linear"),
+        (["--period", "0"], "positive number"),
+        ([], "sampling period is not known"),
+        (["--period", "0.1", "--html", "pump.csv"], "is the measurement file"),
+        (["--period", "0.1", "--json", "."], "is a folder"),
+    ],
+)
+def test_bad_use_ends_in_one_sentence(tmp_path, monkeypatch, capsys, options, message):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path)
+    assert main(["compare", "pump.csv", "--split-column", "set", *options]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert message in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.skipif("SYSID_DATA" not in os.environ, reason="SYSID_DATA names no folder of real records")
+def test_real_record_from_the_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    path = Path(os.environ["SYSID_DATA"]) / "hair_dryer" / "hair_dryer.csv"
+    options = ["--split-column", "split", "--experiment-column", "experiment", "--period", "0.08"]
+    assert main(["compare", str(path), "--json", "h.json", *options]) == 0
+    content = json.loads(Path("h.json").read_text())
+    assert content["model"]["delay"] == 3  # its dead time
+    assert content["scores"]["test"]["nrmse"] == pytest.approx(0.15, abs=0.01)
+    assert "in the model the input acts after 3 samples" in capsys.readouterr().out.lower()
