@@ -81,7 +81,8 @@ def table(
     Parameters
     ----------
     rows : sequence of sequences
-        Cells: numbers, plain text, ``None`` (a dash), `Markdown` or `Verdict`.
+        Cells: numbers, plain text, ``None`` (a dash), `Markdown` or `Verdict`. A row of one cell in a table
+        of several columns is a line across, above the rows it speaks of.
     columns : sequence of str
         Column heads, markdown.
     caption : str
@@ -115,7 +116,7 @@ def table(
     )
     heads = [{"c": inline(head), "align": side} for head, side in zip(columns, sides, strict=True)]
     body = [
-        [_cell(value, formats.get(head)) for head, value in zip(columns, row, strict=True)] for row in rows
+        [_cell(value, formats.get(head)) for head, value in zip(columns, row, strict=False)] for row in rows
     ]
     return Display(({"t": "table", "caption": inline(caption), "columns": heads, "rows": body},))
 
@@ -170,7 +171,7 @@ def _check_table(
     rows: Sequence[Sequence[Cell]], columns: Sequence[str], formats: Mapping[str, Format], align: str | None
 ) -> None:
     for place, row in enumerate(rows):
-        if len(row) != len(columns):
+        if len(row) not in (len(columns), 1):
             raise UsageError(f"table: row {place} has {len(row)} cells, but there are {len(columns)} columns")
     if unknown := sorted(set(formats) - set(columns)):
         raise UsageError(
@@ -178,12 +179,12 @@ def _check_table(
         )
     if align is not None and (len(align) != len(columns) or set(align) - set("lcr")):
         raise UsageError(
-            f"table: align is {align!r}, but it needs one letter of l, c, r for each of {len(columns)} columns"
+            f"table: align is {align!r}, but {len(columns)} columns need a letter l, c or r each"
         )
 
 
 def _side(rows: Sequence[Sequence[Cell]], place: int) -> str:
-    cells = [row[place] for row in rows if row[place] is not None]
+    cells = [row[place] for row in rows if len(row) > place and row[place] is not None]
     numeric = cells and not any(
         isinstance(cell, (str, Markdown, Verdict, dict, list, tuple, bool)) for cell in cells
     )
@@ -192,7 +193,7 @@ def _side(rows: Sequence[Sequence[Cell]], place: int) -> str:
 
 def _cell(value: Cell, form: Format | None = None) -> Inline:
     if form is not None and value is not None:
-        value = form(value) if callable(form) else format(value, form).replace("-", numbers.MINUS)
+        value = form(value) if callable(form) else numbers.formatted(value, form)
     if isinstance(value, Markdown):
         return inline(value.source)
     if isinstance(value, Verdict):

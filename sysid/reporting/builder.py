@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from sysid.errors import UsageError
-from sysid.reporting.document import Chapter, assemble
+from sysid.reporting.blocks import group
+from sysid.reporting.document import Chapter, assemble, made_cell, made_notebook
 from sysid.reporting.execute import execute
 from sysid.reporting.front import front_page
 from sysid.reporting.records import Results, claims, gates, load, monte_carlo
@@ -117,12 +118,8 @@ def _write(path: Path, content: bytes) -> Path:
 
 def _plain_chapter(results: Results, paper: str) -> Any:
     """Make a chapter without narrative: claims, studies, gates."""
-    from nbformat.v4 import new_code_cell, new_notebook, new_output
-
     content = results["papers"][paper]
     shown = [claims(results, paper)] if content.get("claims") else []
     shown += [monte_carlo(results, paper, case) for case in content.get("monte_carlo", {})]
     shown += [gates(results, paper)] if content.get("gates") else []
-    outputs = [new_output("display_data", data=block._repr_mimebundle_()) for block in shown]
-    place = f"the chapter of {paper} made from its results"
-    return new_notebook(cells=[new_code_cell(outputs=outputs, metadata={"place": place})])
+    return made_notebook([made_cell(f"the chapter of {paper}", list(group(*shown).blocks))])

@@ -44,18 +44,16 @@ def assemble(title: str, front: Blocks, chapters: Sequence[Chapter]) -> Any:
     ReportError
         If a formula is not understood or a link leads nowhere; the message names the cell.
     """
-    from nbformat.v4 import new_code_cell, new_notebook
-
     cells = []
     for number, chapter in enumerate(chapters, start=1):
         cells += _chapter(chapter, number)
     entries = _contents(cells)
     front = [{**block, "entries": entries} if block["t"] == "contents" else block for block in front]
-    cells.insert(0, new_code_cell(metadata={"place": "the front page", "blocks": front}))
+    cells.insert(0, made_cell("the front page", front))
     anchors = {node["id"] for cell in cells for node in walk(cell.metadata["blocks"]) if "id" in node}
     for cell in cells:
         _finish(cell.metadata["blocks"], anchors, cell.metadata["place"])
-    return new_notebook(cells=cells, metadata={"title": title})
+    return made_notebook(cells, title=title)
 
 
 def blocks_of(notebook: Any) -> Blocks:
@@ -63,11 +61,28 @@ def blocks_of(notebook: Any) -> Blocks:
     return [block for cell in notebook.cells for block in cell.metadata["blocks"]]
 
 
+def made_cell(place: str, blocks: Blocks) -> Any:
+    """Make a cell that no notebook file holds."""
+    import nbformat.v4
+
+    make: Any = nbformat.v4
+    return make.new_code_cell(metadata={"place": place, "blocks": blocks})
+
+
+def made_notebook(cells: Sequence[Any], **metadata: Any) -> Any:
+    """Make a notebook of cells."""
+    import nbformat.v4
+
+    make: Any = nbformat.v4
+    return make.new_notebook(cells=list(cells), metadata=metadata)
+
+
 def _chapter(chapter: Chapter, number: int) -> list[Any]:
     """Give each cell its blocks and number what carries a caption."""
     cells = [cell for cell in chapter.notebook.cells if cell.cell_type in ("markdown", "code")]
     for cell in cells:
-        cell.metadata["blocks"] = _cell_blocks(cell)
+        if "blocks" not in cell.metadata:
+            cell.metadata["blocks"] = _cell_blocks(cell)
     opening = _opening(chapter, cells, number)
     cells[:0] = [opening]
     _Numbers(chapter.identifier, number).apply(cells[1:])
@@ -76,8 +91,6 @@ def _chapter(chapter: Chapter, number: int) -> list[Any]:
 
 def _opening(chapter: Chapter, cells: list[Any], number: int) -> Any:
     """Make the chapter's title from the notebook's first heading, else from the results."""
-    from nbformat.v4 import new_code_cell
-
     content: Inline = [text(chapter.title)]
     for cell in cells:
         blocks = cell.metadata["blocks"]
@@ -86,7 +99,7 @@ def _opening(chapter: Chapter, cells: list[Any], number: int) -> Any:
         if blocks:
             break
     node: Node = {"t": "chapter", "id": chapter.identifier, "number": str(number), "c": content}
-    return new_code_cell(metadata={"place": f"chapter {chapter.identifier}", "blocks": [node]})
+    return made_cell(f"chapter {chapter.identifier}", [node])
 
 
 def _cell_blocks(cell: Any) -> Blocks:

@@ -14,6 +14,7 @@ from typing import Any
 from sysid.errors import ReportError
 
 KERNEL = "sysid-report"
+_FIRST_LINE = "__import__('sysid.reporting.style').reporting.style.use()"  # every figure in the house style
 _ESCAPES = re.compile(r"\x1b\[[0-9;]*m")
 
 
@@ -40,6 +41,8 @@ def execute(path: Path, folder: Path, timeout: float = 600.0) -> Any:
         If the file cannot be read or a cell fails; the message names the cell and the exception.
     """
     notebook = read(path)
+    if not any(cell.cell_type == "code" for cell in notebook.cells):
+        return notebook
     with tempfile.TemporaryDirectory(prefix="sysid-kernel-") as scratch:
         _run(notebook, path, folder, Path(scratch), timeout)
     return notebook
@@ -97,6 +100,7 @@ def _kernel_manager(scratch: Path) -> Any:
     specification.mkdir(parents=True)
     command = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"]
     command += ["--HistoryManager.enabled=False", "--InteractiveShell.colors=nocolor"]
+    command += [f"--IPKernelApp.exec_lines={_FIRST_LINE}"]
     content = {"argv": command, "display_name": "sysid report", "language": "python"}
     (specification / "kernel.json").write_text(json.dumps(content), encoding="utf-8")
     return AsyncKernelManager(

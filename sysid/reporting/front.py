@@ -13,6 +13,7 @@ from sysid.reporting.records import Results, gates
 _VERDICTS = ("reproduced", "replicated", "partial", "not replicated")
 _KNOWN = ("commit", "date", "platform", "seed", "runs", "versions")
 _SHORT_HASH = 16
+_FEW = 24
 
 
 def summary(results: Results) -> tuple[str, bool]:
@@ -66,20 +67,45 @@ def front_page(results: Results, title: str) -> Blocks:
         {"t": "title", "c": [text(title)], "lead": [text(_lead(results))]},
         {"t": "banner", "kind": "passed" if green else "failed", "c": [text(sentence)]},
         *_overview(papers),
-        _section("Contents"),
-        {"t": "contents", "entries": []},
         _section("What was run"),
         *facts(_provenance(results.get("provenance") or {})).blocks,
         _section("Gates"),
     ]
     for paper, content in papers.items():
-        if content.get("gates"):
-            caption = "" if len(papers) == 1 else f"{_name(paper, content)}."
-            gate_table = gates(results, paper, caption="", reasons=False).blocks[0]
-            blocks.append({**gate_table, "caption": [text(caption)] if caption else []})
-        else:
-            blocks.append({"t": "para", "c": [text(f"{_name(paper, content)}: no gates.")]})
-    return blocks
+        blocks += _gates(results, paper, "" if len(papers) == 1 else f"{_name(paper, content)}.")
+    return [*blocks, _section("Contents"), {"t": "contents", "entries": []}]
+
+
+def _gates(results: Results, paper: str, caption: str) -> Blocks:
+    """Show all gates where they are few; else the red ones, and the others by family."""
+    records = results["papers"][paper].get("gates", [])
+    named: Inline = [text(caption)] if caption else []
+    if not records:
+        return [{"t": "para", "c": [*named, text(" No gates." if caption else "No gates.")]}]
+    if len(records) <= _FEW:
+        return [{**gates(results, paper, caption="", reasons=False).blocks[0], "caption": named}]
+    red = [record for record in records if not record.get("passed")]
+    shown: Blocks = []
+    if red:
+        only = {"papers": {paper: {"gates": red}}}
+        shown.append({**gates(only, paper, caption="").blocks[0], "caption": [*named, text(" Red gates.")]})
+    families: dict[tuple[str, str], list[bool]] = {}
+    for record in records:
+        key = (str(record["id"]).split("/")[0], str(record.get("type") or ""))
+        families.setdefault(key, []).append(bool(record.get("passed")))
+    rows: list[list[Cell]] = [
+        [[{"t": "code", "s": family}], _count_verdict(sum(passed), len(passed)), kind]
+        for (family, kind), passed in families.items()
+    ]
+    summed = table(rows, ["Family of gates", "Passed", "Type"], align="lll").blocks[0]
+    return [*shown, {**summed, "caption": named}]
+
+
+def _count_verdict(passed: int, total: int) -> Verdict:
+    words = f"all {total} passed" if 1 < passed == total else f"{passed} of {total} passed"
+    if total == 1:
+        words = "passed" if passed else "failed"
+    return Verdict(words, "passed" if passed == total else "failed")
 
 
 def _section(words: str) -> Node:
@@ -105,7 +131,9 @@ def _overview(papers: Mapping[str, Mapping[str, Any]]) -> Blocks:
         passed = sum(bool(gate.get("passed")) for gate in records)
         link: Inline = [{"t": "link", "url": f"#{paper}", "c": [text(_name(paper, content))]}]
         word = Verdict(f"{passed} of {len(records)}", "passed" if passed == len(records) else "failed")
-        rows.append([link, word, len(content.get("claims", [])), *(_count(content, verdict) for verdict in used)])
+        rows.append(
+            [link, word, len(content.get("claims", [])), *(_count(content, verdict) for verdict in used)]
+        )
     columns = ["Paper", "Gates passed", "Claims", *(verdict.capitalize() for verdict in used)]
     return list(table(rows, columns, align="ll" + "r" * (len(columns) - 2)).blocks)
 
@@ -125,8 +153,8 @@ def _value(value: Any) -> Cell:
             return "none"
         nodes: Inline = []
         for key, item in value.items():
-            nodes += [{"t": "break"}] if nodes else []
-            nodes += [text(f"{key} "), {"t": "code", "s": _short(item)}]
+            nodes += [text(", ")] if nodes else []
+            nodes += [text(f"{key}\N{NO-BREAK SPACE}"), {"t": "code", "s": _short(item)}]
         return nodes
     return str(value) if isinstance(value, int) else _short(value)  # a seed is a name, not a quantity
 

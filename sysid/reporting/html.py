@@ -1,9 +1,9 @@
-"""Nodes to HTML, and the nbconvert exporter that makes one self-contained page of them."""
+"""Nodes to HTML, and by nbconvert to one self-contained page."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -11,10 +11,10 @@ from typing import Any
 
 from sysid.reporting.document import blocks_of
 from sysid.reporting.mathematics import embedded_math_font
-from sysid.reporting.nodes import Blocks, Inline, Node, walk
+from sysid.reporting.nodes import Blocks, Inline, Node, plain, walk
 
-
-_MANY_COLUMNS = 6
+_MANY_COLUMNS = 5
+_SHORT = 20  # characters
 
 
 def templates() -> Path:
@@ -49,16 +49,13 @@ def walk_all(blocks: Blocks) -> Sequence[Node]:
 
 
 def _exporter() -> Any:
+    """Give nbconvert's exporter a template without scripts that asks no server for anything."""
     from nbconvert.exporters import HTMLExporter
 
-    class Page(HTMLExporter):  # type: ignore[misc]
-        """nbconvert's HTML exporter with a template that has no script and asks no server for anything."""
-
-        def default_filters(self) -> Any:
-            yield from super().default_filters()
-            yield "page_html", html
-
-    return Page(extra_template_basedirs=[str(templates())], template_name="page")
+    make: Any = HTMLExporter
+    exporter = make(extra_template_basedirs=[str(templates())], template_name="page")
+    exporter.register_filter("page_html", html)
+    return exporter
 
 
 def html(blocks: Blocks) -> str:
@@ -78,7 +75,9 @@ def inline_html(nodes: Inline) -> str:
 
 
 def _title(node: Node) -> str:
-    return f'<header><h1>{inline_html(node["c"])}</h1>\n<p class="lead">{inline_html(node["lead"])}</p></header>'
+    return (
+        f'<header><h1>{inline_html(node["c"])}</h1>\n<p class="lead">{inline_html(node["lead"])}</p></header>'
+    )
 
 
 def _chapter(node: Node) -> str:
@@ -119,7 +118,7 @@ def _table(node: Node) -> str:
         f'<th scope="col" class="{side}">{inline_html(column["c"])}</th>'
         for column, side in zip(node["columns"], sides, strict=True)
     )
-    rows = "".join(f"<tr>{_row(row, sides)}</tr>\n" for row in node["rows"])
+    rows = "".join(_row(row, sides) for row in node["rows"])
     width = " wide" if len(sides) > _MANY_COLUMNS else ""
     return (
         f'<figure class="table{width}">\n{legend if node["caption"] else ""}<div class="scroll">\n<table>\n'
@@ -128,10 +127,21 @@ def _table(node: Node) -> str:
 
 
 def _row(row: list[Inline], sides: list[str]) -> str:
-    cells = [f'<td class="{side}">{inline_html(cell)}</td>' for cell, side in zip(row, sides, strict=True)]
-    if cells:
-        cells[0] = f'<th scope="row" class="{sides[0]}">{inline_html(row[0])}</th>'
-    return "".join(cells)
+    first = inline_html(row[0]) if row else ""
+    if len(row) == 1 < len(sides):  # a line across, which heads the rows below it
+        head = f'<th scope="rowgroup" colspan="{len(sides)}">{first}</th>'
+        return f'</tbody>\n<tbody>\n<tr class="group">{head}</tr>\n'
+    cells = [
+        f'<td class="{side}{_tied(cell)}">{inline_html(cell)}</td>'
+        for cell, side in zip(row, sides, strict=True)
+    ]
+    cells[:1] = [f'<th scope="row" class="{sides[0]}">{first}</th>']
+    return f"<tr>{''.join(cells)}</tr>\n"
+
+
+def _tied(cell: Inline) -> str:
+    """Keep a short value in one line; a long list of numbers may break."""
+    return " tied" if len(plain(cell)) <= _SHORT else ""
 
 
 def _figure(node: Node) -> str:
@@ -139,13 +149,16 @@ def _figure(node: Node) -> str:
     reading = f' <span class="reading">{inline_html(node["reading"])}</span>' if node["reading"] else ""
     style = f' style="max-width:{100 * node["width"]:g}%"' if node["width"] < 1 else ""
     return (
-        f'<figure>\n<img src="data:image/svg+xml;base64,{data}" alt="{escape(node["alt"])}"{style}>\n'
+        f'<figure>\n<div class="scroll"><img src="data:image/svg+xml;base64,{data}" '
+        f'alt="{escape(node["alt"])}"{style}></div>\n'
         f"<figcaption>{_label(node, 'Figure')}{inline_html(node['caption'])}{reading}</figcaption>\n</figure>"
     )
 
 
 def _facts(node: Node) -> str:
-    items = "".join(f"<dt>{inline_html(term)}</dt><dd>{inline_html(value)}</dd>\n" for term, value in node["items"])
+    items = "".join(
+        f"<dt>{inline_html(term)}</dt><dd>{inline_html(value)}</dd>\n" for term, value in node["items"]
+    )
     return f'<dl class="facts">\n{items}</dl>'
 
 
@@ -168,7 +181,7 @@ def _link(node: Node) -> str:
     return f'<a href="{escape(url)}">{inline_html(node["c"])}</a>'
 
 
-_BLOCKS = {
+_BLOCKS: dict[str, Callable[[Node], str]] = {
     "title": _title,
     "chapter": _chapter,
     "heading": _heading,
@@ -176,7 +189,7 @@ _BLOCKS = {
     "para": lambda node: f"<p>{inline_html(node['c'])}</p>",
     "list": _list,
     "quote": lambda node: f"<blockquote>\n{html(node['c'])}\n</blockquote>",
-    "pre": lambda node: f'<pre><code>{escape(node["s"])}</code></pre>',
+    "pre": lambda node: f"<pre><code>{escape(node['s'])}</code></pre>",
     "rule": lambda node: "<hr>",
     "equation": _equation,
     "table": _table,
@@ -186,7 +199,7 @@ _BLOCKS = {
     "box": lambda node: f'<section class="claim">\n{html(node["c"])}\n</section>',
 }
 
-_INLINE = {
+_INLINE: dict[str, Callable[[Node], str]] = {
     "text": lambda node: escape(node["s"], quote=False),
     "emph": lambda node: f"<em>{inline_html(node['c'])}</em>",
     "strong": lambda node: f"<strong>{inline_html(node['c'])}</strong>",

@@ -10,8 +10,11 @@ from sysid.errors import ReportError
 from sysid.reporting.nodes import Blocks, Inline, Node, heading, text
 
 if TYPE_CHECKING:
-    from mistune import Markdown
+    from mistune import BlockParser, BlockState, InlineParser, InlineState, Markdown
 
+# a formula may run over lines, not over a blank line; $$ ... $$ may stand alone or inside a paragraph
+_DISPLAYED = r"^ {0,3}\$\$(?P<displayed>(?:(?!\$\$)[\s\S])+)\$\$[ \t]*(?:\n|$)"
+_IN_LINE = r"\$\$(?P<both>(?:(?!\$\$)[\s\S])+)\$\$|\$(?![\s$])(?P<one>(?:[^$\\]|\\[\s\S])+?)(?<!\s)\$(?!\d)"
 _TAG = re.compile(r"\\tag\s*\{([^{}]*)\}")
 _SAFE_LINK = re.compile(r"(https?://|mailto:|#|doi:)", re.IGNORECASE)
 
@@ -19,17 +22,36 @@ _SAFE_LINK = re.compile(r"(https?://|mailto:|#|doi:)", re.IGNORECASE)
 @cache
 def _reader() -> Markdown:
     import mistune
-    from mistune.plugins.math import math, math_in_list, math_in_quote
     from mistune.plugins.table import table
 
     reader = mistune.create_markdown(renderer=None)
-    for plugin in (math, math_in_list, math_in_quote, table):
-        plugin(reader)
+    table(reader)
+    reader.block.register("block_math", _DISPLAYED, _displayed, before="list")
+    reader.block.insert_rule(reader.block.list_rules, "block_math", before="list")
+    reader.block.insert_rule(reader.block.block_quote_rules, "block_math", before="list")
+    reader.inline.register("dollar", r"\\\$", _dollar, before="escape")
+    reader.inline.register("inline_math", _IN_LINE, _in_line, before="codespan")
     return reader
 
 
+def _displayed(block: BlockParser, found: re.Match[str], state: BlockState) -> int:
+    state.append_token({"type": "block_math", "raw": found["displayed"]})
+    return found.end()
+
+
+def _in_line(inline: InlineParser, found: re.Match[str], state: InlineState) -> int:
+    kind = "block_math" if found["both"] else "inline_math"
+    state.append_token({"type": kind, "raw": found["both"] or " ".join(found["one"].split())})
+    return found.end()
+
+
+def _dollar(inline: InlineParser, found: re.Match[str], state: InlineState) -> int:
+    state.append_token({"type": "dollar"})
+    return found.end()
+
+
 def parse(source: str) -> Blocks:
-    """Read markdown with ``$...$`` and ``$$...$$`` mathematics.
+    r"""Read markdown with ``$...$`` and ``$$...$$`` mathematics.
 
     Parameters
     ----------
@@ -48,7 +70,7 @@ def parse(source: str) -> Blocks:
 
     Examples
     --------
-    >>> [node["t"] for node in parse("# Title\\n\\nSome *words*.")]
+    >>> [node["t"] for node in parse("# Title\n\nSome *words*.")]
     ['heading', 'para']
     """
     tokens, _ = _reader().parse(source)
@@ -153,8 +175,12 @@ def _inline(tokens: list[dict[str, Any]]) -> Inline:
 def _inline_node(token: dict[str, Any]) -> Node:
     kind = token["type"]
     match kind:
-        case "text" | "inline_html":
+        case "text":
+            return _words(token["raw"])
+        case "inline_html":
             return text(token["raw"])
+        case "dollar":
+            return text("$")
         case "softbreak":
             return text(" ")
         case "linebreak":
@@ -171,9 +197,17 @@ def _inline_node(token: dict[str, Any]) -> Node:
             return _link(token)
         case "image":
             raise ReportError(
-                f"the narrative asks for the picture {token['attrs']['url']!r}; pages load nothing: use display.figure"
+                f"the narrative asks for the picture {token['attrs']['url']!r}, but pages load nothing; "
+                "show it by display.figure"
             )
     raise ReportError(f"the markdown construct {kind!r} is not supported; write it in plainer markdown")
+
+
+def _words(raw: str) -> Node:
+    """Take text as it is; a dollar sign that is left over is a formula gone wrong."""
+    if "$" in raw:
+        raise ReportError(rf"a lone dollar sign in {raw!r}; close the formula, or write \$ for the sign")
+    return text(raw)
 
 
 def _link(token: dict[str, Any]) -> Node:

@@ -1,4 +1,4 @@
-"""LaTeX mathematics for both outputs: read once into MathML, which browsers show and Typst markup is made from."""
+"""LaTeX mathematics, read once into MathML: browsers show it, Typst markup is made from it."""
 
 from __future__ import annotations
 
@@ -130,4 +130,5 @@ def _font_rule(characters: str) -> str:
     packed = io.BytesIO()
     font.save(packed)
     data = base64.b64encode(packed.getvalue()).decode("ascii")
-    return f'@font-face {{ font-family: "Report Math"; src: url("data:font/woff;base64,{data}") format("woff"); }}'
+    source = f'url("data:font/woff;base64,{data}") format("woff")'
+    return f'@font-face {{ font-family: "Report Math"; src: {source}; }}'

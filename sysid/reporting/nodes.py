@@ -2,12 +2,13 @@
 
 A node is a dictionary with its kind under ``"t"``; it survives JSON, so a notebook's kernel can hand it on.
 
-Inline nodes: ``text`` (s), ``emph`` (c), ``strong`` (c), ``code`` (s), ``math`` (tex), ``link`` (url, c), ``break``,
-``mark`` (kind, s: a verdict), ``quiet`` (c: secondary text).
+Inline nodes: ``text`` (s), ``emph`` (c), ``strong`` (c), ``code`` (s), ``math`` (tex), ``link`` (url, c),
+``break``, ``mark`` (kind, s: a verdict), ``quiet`` (c: secondary text).
 
-Block nodes: ``para`` (c), ``heading`` (level, c, id), ``list`` (ordered, start, items of blocks), ``quote`` (c: blocks),
-``pre`` (s), ``rule``, ``equation`` (tex, tag), ``table`` (caption, columns, rows), ``figure`` (svg or png, caption,
-reading, alt), ``facts`` (pairs of inline lists), ``banner`` (kind, c), ``box`` (c: blocks).
+Block nodes: ``para`` (c), ``heading`` (level, c, id), ``list`` (ordered, start, items of blocks), ``quote``
+(c: blocks), ``pre`` (s), ``rule``, ``equation`` (tex, tag), ``table`` (caption, columns, rows), ``figure``
+(svg, caption, reading, alt, width), ``facts`` (items: pairs of inline lists), ``banner`` (kind, c), ``box``
+(c: blocks). The builder adds ``title`` (c, lead), ``contents`` (entries) and ``chapter`` (id, number, c).
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""Numbers as a reader wants them: as many digits as the uncertainty allows, true minus signs, no 15-digit noise."""
+"""Numbers as a reader wants them: the digits that the uncertainty allows, true minus signs."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from numbers import Integral, Real
 
@@ -80,6 +81,24 @@ def values(value: object, digits: int = 4) -> str:
     if isinstance(value, Sequence) and not isinstance(value, str):
         return "(" + ", ".join(values(item, digits) for item in value) + ")"
     return number(value, digits=digits)
+
+
+def formatted(value: object, specification: str) -> str:
+    """Write a value by a format specification, with true minus signs and powers of ten.
+
+    Examples
+    --------
+    >>> formatted(-1.5e-9, ".1e"), formatted(0.0, ".1e"), formatted(12.345, ".1f")
+    ('−1.5×10⁻⁹', '0', '12.3')
+    """
+    plain = format(value, specification)
+    found = re.fullmatch(r"(-?[0-9.]+)e([+-][0-9]+)", plain)
+    if found is None:
+        return plain.replace("-", MINUS) if isinstance(value, Real) else plain
+    if float(found[1]) == 0:
+        return "0"
+    power = int(found[2])
+    return _signed(found[1]) + (f"×10{str(power).translate(_RAISED)}" if power else "")
 
 
 def _decimals(std_error: float) -> int:

@@ -50,7 +50,9 @@ def load(folder: Path | str | None = None) -> dict[str, Any]:
     if not isinstance(results, dict) or not isinstance(results.get("papers"), dict):
         raise DataError(f"{path} has no object 'papers'; run `sysid replicate` again")
     if results.get("schema") != 1:
-        raise DataError(f"{path} has schema {results.get('schema')!r}, this version reads 1; run `sysid replicate` again")
+        raise DataError(
+            f"{path} has schema {results.get('schema')!r}, this version reads 1; run `sysid replicate` again"
+        )
     return results
 
 
@@ -76,9 +78,10 @@ def claim(results: Results, paper: str, identifier: str, *picture: Display) -> D
         If the results hold no such claim.
     """
     record = _find(_paper(results, paper).get("claims", []), identifier, f"claim of {paper}")
-    unit = f" {record['unit']}" if record.get("unit") else ""
+    unit = f" {_unit(record)}" if _unit(record) else ""
     items: dict[str, Cell] = {
-        "Printed": numbers.values(record.get("printed")) + (unit if record.get("printed") is not None else ""),
+        "Printed": numbers.values(record.get("printed"))
+        + (unit if record.get("printed") is not None else ""),
         "Ours": numbers.values(record.get("value")) + (unit if record.get("value") is not None else ""),
         "Verdict": claim_verdict(record),
         "Tolerance": tolerance(record.get("tolerance")),
@@ -91,7 +94,9 @@ def claim(results: Results, paper: str, identifier: str, *picture: Display) -> D
     return Display(({"t": "box", "c": blocks},))
 
 
-def claims(results: Results, paper: str, *, caption: str = "The paper's claims and what became of them.") -> Display:
+def claims(
+    results: Results, paper: str, *, caption: str = "The paper's claims and what became of them."
+) -> Display:
     """Show all claims of a paper in one table."""
     rows = [
         [
@@ -99,7 +104,7 @@ def claims(results: Results, paper: str, *, caption: str = "The paper's claims a
             claim_verdict(record),
             numbers.values(record.get("printed")),
             numbers.values(record.get("value")),
-            str(record.get("unit") or ""),
+            _unit(record),
         ]
         for record in _paper(results, paper).get("claims", [])
     ]
@@ -120,27 +125,37 @@ def gates(results: Results, paper: str, *, caption: str | None = None, reasons: 
     caption : str, optional
         Markdown; by default a sentence with the count.
     reasons : bool
-        Also give the reason of each tolerance.
+        Group the gates under the reason of their tolerance instead of giving its type in a column.
 
     Returns
     -------
     Display
     """
     records = _paper(results, paper).get("gates", [])
-    ordered = sorted(records, key=lambda record: bool(record.get("passed")))
-    rows = [
-        [
-            _two_lines(str(record["id"]), str(record.get("reason") or "") if reasons else "", code=True),
-            gate_verdict(record),
-            numbers.values(record.get("value")),
-            allowed(record),
-            str(record.get("type") or ""),
-        ]
-        for record in ordered
-    ]
+    ordered = sorted(records, key=lambda record: (bool(record.get("passed")), *_kind(record, records)))
+    rows: list[list[Cell]] = []
+    for position, record in enumerate(ordered):
+        group = " – ".join(word for word in (record.get("type"), record.get("reason")) if word)
+        before = ordered[position - 1] if position else None
+        if reasons and group and (before is None or _kind(before, records) != _kind(record, records)):
+            rows.append([group])
+        code: Inline = [{"t": "code", "s": str(record["id"])}]
+        kind = [] if reasons else [str(record.get("type") or "")]
+        value = numbers.values(record.get("value"))
+        rows.append([code, gate_verdict(record), value, allowed(record), *kind])
     passed = sum(bool(record.get("passed")) for record in records)
     words = caption if caption is not None else f"Gates: {passed} of {len(records)} passed."
-    return table(rows, ["Gate", "Verdict", "Value", "Allowed", "Type"], caption=words, align="llrll")
+    columns = ["Gate", "Verdict", "Value", "Allowed", *([] if reasons else ["Type"])]
+    return table(rows, columns, caption=words, align="llrll"[: len(columns)])
+
+
+def _kind(record: Mapping[str, Any], records: Sequence[Mapping[str, Any]]) -> tuple[int, str]:
+    """Tell apart the groups of gates with one type and reason, in the order in which they first appear."""
+    key = (record.get("type"), record.get("reason"))
+    first = next(
+        place for place, other in enumerate(records) if (other.get("type"), other.get("reason")) == key
+    )
+    return first, str(key)
 
 
 def monte_carlo(results: Results, paper: str, case: str, *, caption: str | None = None) -> Display:
@@ -161,10 +176,22 @@ def monte_carlo(results: Results, paper: str, case: str, *, caption: str | None 
     """
     studies = _paper(results, paper).get("monte_carlo", {})
     if case not in studies:
-        raise ReportError(f"results of {paper} hold no Monte-Carlo case {case!r}; there are: {', '.join(studies)}")
+        raise ReportError(
+            f"results of {paper} hold no Monte-Carlo case {case!r}; there are: {', '.join(studies)}"
+        )
     study = studies[case]
     rows = [[Markdown(symbol(name)), *_statistics(entry)] for name, entry in study["parameters"].items()]
-    columns = ["Parameter", "True", "Mean", "Bias ± its std error", "Std", "RMSE", "95 % band", "Bound", "Efficiency"]
+    columns = [
+        "Parameter",
+        "True",
+        "Mean",
+        "Bias ± its std error",
+        "Std",
+        "RMSE",
+        "95 % band",
+        "Bound",
+        "Efficiency",
+    ]
     words = caption if caption is not None else (
         f"{_markdown_text(case)}: {numbers.number(study.get('n_runs'))} runs, "
         f"{numbers.number(study.get('failed', 0))} failed. Bound: the asymptotic standard deviation."
@@ -176,7 +203,9 @@ def _statistics(entry: Mapping[str, Any]) -> list[Cell]:
     error, spread = entry.get("bias_std_error"), entry.get("std")
     edge = spread / 3 if spread else None
     low, high = entry.get("q025"), entry.get("q975")
-    band = None if low is None or high is None else _range(numbers.number(low, edge), numbers.number(high, edge))
+    band = (
+        None if low is None or high is None else _range(numbers.number(low, edge), numbers.number(high, edge))
+    )
     return [
         numbers.number(entry.get("true")),
         numbers.number(entry.get("mean"), error),
@@ -241,6 +270,12 @@ def tolerance(record: object) -> str:
     return ", ".join(part for part in (kind, numbers.values(rest)) if part) or numbers.MISSING
 
 
+def _unit(record: Mapping[str, Any]) -> str:
+    """Give the unit; a pure number has none."""
+    unit = str(record.get("unit") or "")
+    return "" if unit == "1" else unit
+
+
 def _range(low: str, high: str) -> str:
     return f"{low}{numbers.TIED}…{numbers.TIED}{high}"
 
@@ -260,14 +295,10 @@ def _find(records: Sequence[Mapping[str, Any]], identifier: str, what: str) -> M
     raise ReportError(f"the results hold no {what} {identifier!r}; there are: {known}")
 
 
-def _two_lines(first: str, second: str, *, code: bool = False) -> Inline:
-    """Set an identifier with a quiet line below it."""
-    nodes: Inline = [{"t": "code", "s": first} if code else text(first)] if first else []
-    if second:
-        below = text(second) if code else {"t": "code", "s": second}
-        nodes += [{"t": "break"}] if nodes else []
-        nodes.append({"t": "quiet", "c": [below]})
-    return nodes
+def _two_lines(first: str, second: str) -> Inline:
+    """Set words with an identifier, in quiet type, below them."""
+    nodes: Inline = [text(first), {"t": "break"}] if first else []
+    return [*nodes, {"t": "quiet", "c": [{"t": "code", "s": second}]}]
 
 
 def _markdown_text(words: str) -> str:

@@ -110,6 +110,13 @@ def style() -> Iterator[None]:
         yield
 
 
+def use() -> None:
+    """Draw in the house style from now on: for a process that only draws, as a report's kernel does."""
+    import matplotlib
+
+    matplotlib.rcParams.update(_settings())
+
+
 def subplots(
     rows: int = 1, columns: int = 1, *, width: float = TEXT_WIDTH, height: float = 3.4, **keywords: Any
 ) -> tuple[Figure, Any]:

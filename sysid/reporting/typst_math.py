@@ -163,7 +163,7 @@ def _group(children: list[Element]) -> str:
 
 
 def _fence(element: Element) -> bool:
-    """Tell whether the sign grows with what it encloses (``\\left``, ``\\right``)."""
+    r"""Tell whether the sign grows with what it encloses (``\left``, ``\right``)."""
     return element.tag == "mo" and element.get("stretchy") != "false" and element.get("minsize") is None
 
 
