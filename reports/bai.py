@@ -125,11 +125,6 @@ report.example_2_table(results)
 report.example_2_plausibility(results)
 
 # %% [markdown]
-# The estimates (3.20) lie in the middle of the runs with independent inputs, and far outside those with shared
-# inputs: an error of 9 % in $\beta$ beside one of 0.5 % in $a$ does not happen when the two inputs are multiples of
-# each other. So the inputs were drawn independently, and the printed $\hat a = 1.005$ was luck: half of such
-# experiments miss $a$ by more than a tenth.
-#
 # ### The worked nonlinearities
 
 # %%

@@ -243,6 +243,12 @@ def example_2_numbers(study: Study, monte_carlo: Mapping[str, Mapping[str, objec
     numbers: dict[str, float] = {}
     for name in example_2.variants():
         numbers[f"example-2/{name}/negative_square_share"] = 1.0 - study.mean()[f"{name}/regular"]
+        a = study.column(f"{name}/a")
+        as_close = rounded_share(a, example_2.PRINTED[0], example_2.PRINTED_DECIMALS[0], setting.THRESHOLD)
+        numbers[f"example-2/{name}/a_off_by_a_tenth_share"] = float(
+            np.mean(np.abs(a - setting.THRESHOLD) > 0.1)
+        )
+        numbers[f"example-2/{name}/a_as_close_share"] = as_close
         for parameter in setting.PARAMETERS:
             numbers[f"example-2/{name}/median/{parameter}"] = float(
                 study.quantile(f"{name}/{parameter}", [0.5])[0]
