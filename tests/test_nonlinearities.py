@@ -483,5 +483,5 @@ def test_moments_of_maps_with_memory(name, a, b):
 def test_moments_of_maps_with_memory_say_what_they_need():
     with pytest.raises(UsageError, match="known for Uniform"):
         NONLINEARITIES["hysteresis"].moment(Uniform(0.0, 1.0), 0.5)
-    with pytest.raises(UsageError, match="reaches only 4, the threshold is 5"):
+    with pytest.raises(UsageError, match="reaches only 4; widen it beyond the threshold 5"):
         NONLINEARITIES["hysteresis-play"].moment(Uniform.symmetric(4.0), 5.0)
