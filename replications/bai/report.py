@@ -230,8 +230,8 @@ def example_2_plausibility(results: Results) -> Display:
             r"shared inputs: an error of 9 % in $\beta$ beside one of 0.5 % in $a$ hardly happens when one "
             "input is a multiple of the other. So the inputs were drawn independently, and the printed "
             r"$\hat a = 1.005$ was luck: depending on the reading, "
-            f"{100 * min(missed):.0f} to {100 * max(missed):.0f} % of such experiments miss $a$ by more than a "
-            f"tenth, and {100 * min(close):.1f} to {100 * max(close):.1f} % come as close "
+            f"{100 * min(missed):.0f} to {100 * max(missed):.0f} % of such experiments miss $a$ by more "
+            f"than a tenth, and {100 * min(close):.1f} to {100 * max(close):.1f} % come as close "
             "as the printed one."
         ),
     )

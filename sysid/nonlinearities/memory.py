@@ -86,7 +86,8 @@ class MemoryMap(OneParameterMap):
             raise UsageError(f"{self.name}: the moment is known for Uniform(-b, b), not {distribution!r}.")
         if a >= distribution.high:
             raise UsageError(
-                f"{self.name}: the input reaches only {distribution.high:g}; widen it beyond the threshold {a:g}."
+                f"{self.name}: the input reaches only {distribution.high:g}; "
+                f"widen it beyond the threshold {a:g}."
             )
         return distribution.high, a
 
