@@ -15,6 +15,7 @@ from hashlib import sha256
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, entry_points, version
 from importlib.resources.abc import Traversable
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -27,6 +28,19 @@ if TYPE_CHECKING:
 
 SCHEMA = 1
 PACKAGES = ("sysid", "numpy", "scipy", "numba", "control", "joblib", "pandas", "pyarrow", "matplotlib")
+
+
+MOST_FAILURES = 5
+"""Failed runs of a case that are listed; all are in the table of its runs."""
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A run that failed."""
+
+    case: str
+    run: int
+    message: str
 
 
 @dataclass(frozen=True)
@@ -47,6 +61,8 @@ class Session:
         Called with 1 when a study is done.
     timings : dict
         Measured times [s]; filled by `timed`.
+    failures : list
+        The first failed runs of each case, with what it takes to repeat them.
     """
 
     runs: int
@@ -55,11 +71,15 @@ class Session:
     runner: "Runner"
     finished: Callable[[int], None] = lambda done: None
     timings: dict[str, float] = field(default_factory=dict)
+    failures: list["Failed"] = field(default_factory=list)
 
     def study(self, case: str, task: "Task", runs: int | None = None) -> "Study":
         """Compute the runs of a case."""
         study = self.runner.run(case, task, self.runs if runs is None else runs, self.seed)
         self.finished(1)
+        if study.failed:
+            first = islice(study.failures(), MOST_FAILURES)
+            self.failures.extend(Failed(case, one.run, one.message) for one in first)
         return study
 
     @contextmanager

@@ -35,7 +35,7 @@ def error_of(capsys, *arguments):
         (["replicate", "--format", ","], "no format is named"),
         (["replicate", "--backend", "mpi"], "invalid choice: 'mpi'"),
         (["replicate", "--scheduler", "tcp://127.0.0.1:1"], "goes with the backend 'dask'"),
-        (["replicate", "--only-run", "3"], "go together"),
+        (["replicate", "--case", "relay"], "--case goes with --only-run"),
         (["replicate", "--case", "nonsense", "--only-run", "3"], "no case is named 'nonsense'"),
         (["compare", "no-such-file.csv", "--period", "1"], "no-such-file.csv"),
     ],
@@ -146,7 +146,7 @@ def test_one_run_can_be_repeated(finished, capsys):
 
     _, out, _ = finished
     assert main(["replicate", "bai", "--case", "saturation", "--only-run", "7"]) == 0
-    values = json.loads(capsys.readouterr().out)
+    values = json.loads(capsys.readouterr().out)["saturation"]
     row = pandas.read_parquet(out / "runs" / "bai" / "saturation.parquet").iloc[7]
     assert {name: row[name] for name in values} == values
 
@@ -158,3 +158,27 @@ def test_a_red_gate_gives_exit_code_1(tmp_path, monkeypatch, capsys):
     code = main(["replicate", "bai", *SMALL, "--out", str(tmp_path)])
     assert code == 1
     assert "RED bai claims" in capsys.readouterr().out
+
+
+def test_failed_runs_are_named_with_the_way_to_repeat_them(tmp_path, monkeypatch, capsys):
+    from replications.bai.example_1 import Example1
+
+    sound = Example1.experiment
+
+    def failing(task, rng):
+        u, y = sound(task, rng)
+        if task.case == "relay" and task.n_samples == 100 and u[0] > 0:
+            raise ArithmeticError("the amplifier caught fire")
+        return u, y
+
+    monkeypatch.setattr(Example1, "experiment", failing)
+    code = main(["replicate", "bai", *SMALL, "--out", str(tmp_path)])
+    shown = capsys.readouterr()
+    assert code == 1
+    assert "RED bai failed-runs" in shown.out
+    lines = [line for line in shown.err.splitlines() if "caught fire" in line]
+    assert 1 <= len(lines) <= 5
+    assert "--case relay --only-run" in lines[0]
+    study = json.loads((tmp_path / "results.json").read_text())["papers"]["bai"]["monte_carlo"]["relay"]
+    assert 0 < study["failed"] < 20
+    assert study["parameters"]["a"]["mean"] is not None

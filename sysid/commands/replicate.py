@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import sys
 from collections.abc import Mapping
 from itertools import groupby
 from pathlib import Path
@@ -70,6 +71,12 @@ def _replicate(
     ):
         session = Session(runs, arguments.seed, arguments.smoke, runner, finished=bar.advance)
         result = paper.replicate(session)
+    for failed in session.failures:
+        print(
+            f"sysid replicate: run {failed.run} of {failed.case} failed: {failed.message}; repeat it with "
+            f"--case {failed.case} --only-run {failed.run} --seed {arguments.seed}",
+            file=sys.stderr,
+        )
     entry = {"title": paper.title, "citation": paper.citation, **result.to_json(session.timings)}
     return entry, list(result.gates)
 
@@ -94,17 +101,21 @@ def _report(out: Path, formats: tuple[str, ...], papers: Mapping[str, Paper], ba
 
 
 def _replay(arguments: argparse.Namespace, papers: Mapping[str, Paper], runs: Mapping[str, int]) -> int:
-    """Repeat one run in this process and print its values; what it raises is shown in full."""
-    if arguments.only_run is None or arguments.case is None:
-        raise UsageError("--only-run and --case go together: name the case and the number of the run")
-    for name, paper in papers.items():
-        plan = paper.plan(runs[name])
-        if arguments.case in plan:
-            task, _ = plan[arguments.case]
-            values = Runner(jobs=1).replay(arguments.case, task, arguments.only_run, arguments.seed)
-            print(json.dumps(jsonable(dict(values)), indent=1))
-            return 0
-    raise UsageError(f"no case is named {arguments.case!r}: `sysid replicate --dry-run` lists them")
+    """Repeat one run of a case, or of every case, in this process; what it raises is shown in full."""
+    if arguments.only_run is None:
+        raise UsageError("--case goes with --only-run: give the number of the run")
+    tasks = {
+        case: task for name, paper in papers.items() for case, (task, _) in paper.plan(runs[name]).items()
+    }
+    if arguments.case is not None and arguments.case not in tasks:
+        raise UsageError(f"no case is named {arguments.case!r}: `sysid replicate --dry-run` lists them")
+    chosen = tasks if arguments.case is None else {arguments.case: tasks[arguments.case]}
+    runner = Runner(jobs=1)
+    values = {
+        case: runner.replay(case, task, arguments.only_run, arguments.seed) for case, task in chosen.items()
+    }
+    print(json.dumps(jsonable(values), indent=1))
+    return 0
 
 
 def _list(console: Console, papers: Mapping[str, Paper], runs: Mapping[str, int]) -> None:

@@ -53,7 +53,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--smoke", action="store_true", help="few runs; every gate is still checked")
     parser.add_argument("--resume", action="store_true", help="go on from the finished runs in DIR")
     parser.add_argument("--dry-run", action="store_true", help="list what would be run, and stop")
-    parser.add_argument("--case", help="case of --only-run, as the dry run lists it")
+    parser.add_argument("--case", help="case of --only-run, as the dry run lists it (every case when absent)")
     parser.add_argument(
         "--only-run",
         type=not_negative,
