@@ -163,15 +163,15 @@ def test_a_red_gate_gives_exit_code_1(tmp_path, monkeypatch, capsys):
 def test_failed_runs_are_named_with_the_way_to_repeat_them(tmp_path, monkeypatch, capsys):
     from replications.bai.example_1 import Example1
 
-    sound = Example1.experiment
+    sound = Example1.__call__
 
     def failing(task, rng):
-        u, y = sound(task, rng)
-        if task.case == "relay" and task.n_samples == 100 and u[0] > 0:
+        values = sound(task, rng)
+        if task.case == "relay" and task.n_samples == 100 and values["a"] > 1:
             raise ArithmeticError("the amplifier caught fire")
-        return u, y
+        return values
 
-    monkeypatch.setattr(Example1, "experiment", failing)
+    monkeypatch.setattr(Example1, "__call__", failing)
     code = main(["replicate", "bai", *SMALL, "--out", str(tmp_path)])
     shown = capsys.readouterr()
     assert code == 1
