@@ -26,7 +26,7 @@ INITIAL_STATES = ("estimate", "rest")
 SCREENING_ROWS = 10_000
 RANKING_ROWS = 5_000
 SEARCHED_STARTS = 4
-FIRST_ITERATIONS = 12
+FIRST_EVALUATIONS = 13
 LEADING = 2
 # A search stops when its next step is below this share of a standard error.
 FINE_STEP = 1e-3
@@ -295,7 +295,7 @@ def _search_all(
     screening = _shortened(segments, SCREENING_ROWS)
     step = FINE_STEP if precise else COARSE_STEP
     ranked = _ranked_starts(_shortened(segments, RANKING_ROWS), structure, extra)[:SEARCHED_STARTS]
-    searches = [search_poles(screening, structure, start, COARSE_STEP, FIRST_ITERATIONS) for start in ranked]
+    searches = [search_poles(screening, structure, start, COARSE_STEP, FIRST_EVALUATIONS) for start in ranked]
     searches.sort(key=lambda search: search.cost)
     leading = [search_poles(screening, structure, s.reflections, step) for s in searches[:LEADING]]
     leading.sort(key=lambda search: search.cost)
@@ -351,7 +351,7 @@ def _ranked_starts(
     costs: list[tuple[float, Floats]] = []
     for poles in candidates:
         start = reflections_from_poles(np.concatenate([poles, np.zeros(order - poles.size)]))
-        cost = Reduction(segments, structure, start).project().cost
+        cost = Reduction(segments, structure, start).cost
         if np.isfinite(cost):
             costs.append((cost, start))
     costs.sort(key=lambda pair: pair[0])

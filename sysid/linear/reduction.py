@@ -6,6 +6,7 @@ grow with the record; the initial state of each experiment is eliminated inside 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -183,8 +184,9 @@ class Reduction:
         self.reflections = reflections
         self.n_shared = structure.n_shared(segments[0].u.shape[1])
 
-    def project(self) -> Projection:
-        """Return the best linear parameters and their cost."""
+    @cached_property
+    def projection(self) -> Projection:
+        """The best linear parameters and their cost."""
         triangle, local = self._reduce(None)
         p = self.n_shared
         shared = solve(triangle[:p, :p], triangle[:p, -1])
@@ -193,17 +195,22 @@ class Reduction:
         starts = tuple(solve(left, right[:, -1] - right[:, :-1] @ shared) for left, right in local)
         return Projection(float(residual @ residual), shared, starts)
 
-    def linearise(self, projection: Projection) -> tuple[Floats, Floats]:
+    @property
+    def cost(self) -> float:
+        """Sum of squared residuals."""
+        return self.projection.cost
+
+    def linearise(self) -> tuple[Floats, Floats]:
         """Return J (triangular) and r, linear parameters eliminated, in the reflection coefficients.
 
-        The cost near the poles is |r - J step|^2 plus what no step can remove.  Holding B while A
-        moves gives the columns -q^-i output / A_j, whatever the linear parameters; their part inside
+        The cost near the poles is |r + J step|^2 plus what no step can remove.  Holding B while A
+        moves gives the columns q^-i output / A_j, whatever the linear parameters; their part inside
         the span of the linear columns is projected out (the Jacobian of Kaufman).
         """
-        triangle, _ = self._reduce(projection)
+        triangle, _ = self._reduce(self.projection)
         p, order = self.n_shared, self.structure.order
         corner = triangle[p : p + order, p : p + order]
-        return corner @ self._chain(), triangle[p : p + order, -1]
+        return -corner @ self._chain(), triangle[p : p + order, -1]
 
     def _chain(self) -> Floats:
         """Return d(a1, a2 of each section)/d(reflection coefficients)."""
