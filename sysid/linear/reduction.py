@@ -12,9 +12,9 @@ import numpy as np
 
 from sysid.linear.forms import Floats, section_coefficients
 from sysid.linear.kernels import all_pole_filter, kautz_columns, sensitivity_columns
+from sysid.separable.factor import fold
 
 BLOCK_ROWS = 4096
-PANEL = 4
 # Below this the response to the initial state has died out: it no longer adds a column.
 DEAD = 1e-12
 RANK_TOLERANCE = 1e-11
@@ -156,23 +156,6 @@ class Columns:
             place += self.u.shape[1]
         if self.structure.constant:
             all_pole_filter(np.ones(last - first), self.a1, self.a2, self.constant_state, out[place])
-
-
-def fold(triangle: Floats | None, rows: Floats) -> Floats:
-    """Fold rows, shape (n_columns, n_rows), under a triangular factor; both are used up.
-
-    The factor of (triangle over rows) is returned; its structure is exploited and nothing is copied.
-    """
-    from scipy.linalg.lapack import dtpqrt
-
-    n_columns = rows.shape[0]
-    if triangle is None:
-        triangle = np.zeros((n_columns, n_columns), order="F")
-    if rows.shape[1] == 0:
-        return triangle
-    rows = np.ascontiguousarray(rows)
-    folded = dtpqrt(0, min(PANEL, n_columns), triangle, rows.T, overwrite_a=1, overwrite_b=1)[0]
-    return np.asarray(folded)
 
 
 class Reduction:
