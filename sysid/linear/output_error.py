@@ -186,11 +186,12 @@ def fit_output_error(
     segments = make_segments(record, chosen)
     n_rows = sum(int(segment.used.sum()) for segment in segments)
     _check_enough(structure, segments, n_rows)
+    step = FINE_STEP if precise else COARSE_STEP
     with threadpool_limits(1):  # blocks are small: further threads only wait for one another
         if start is None:
-            search, agree, tried = _search_all(segments, structure, extra_starts, precise)
+            search, agree, tried = _search_all(segments, structure, extra_starts, step)
         else:
-            search = search_poles(segments, structure, reflections_from_poles(start), FINE_STEP)
+            search = search_poles(segments, structure, reflections_from_poles(start), step)
             agree, tried = True, 1
         uncertainty = parameter_uncertainty(segments, structure, search, skip=not precise)
     a, b, constant_value = coefficients(
@@ -289,11 +290,10 @@ def _check_enough(structure: Structure, segments: tuple[Segment, ...], n_rows: i
 
 
 def _search_all(
-    segments: tuple[Segment, ...], structure: Structure, extra: Sequence[Complexes], precise: bool
+    segments: tuple[Segment, ...], structure: Structure, extra: Sequence[Complexes], step: float
 ) -> tuple[Search, bool, int]:
     """Search from the best of all starts; return the best end, whether two agree, and how many ran."""
     screening = _shortened(segments, SCREENING_ROWS)
-    step = FINE_STEP if precise else COARSE_STEP
     ranked = _ranked_starts(_shortened(segments, RANKING_ROWS), structure, extra)[:SEARCHED_STARTS]
     searches = [search_poles(screening, structure, start, COARSE_STEP, FIRST_EVALUATIONS) for start in ranked]
     searches.sort(key=lambda search: search.cost)
