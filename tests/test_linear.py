@@ -155,7 +155,7 @@ def test_projection_is_that_of_dense_least_squares(structure):
         2 * BLOCK_ROWS + 700, experiment=np.repeat(["a", "b"], [BLOCK_ROWS + 300, BLOCK_ROWS + 400])
     )
     reflections = reflections_from_poles(np.linspace(0.5, 0.9, structure.order) + 0j)
-    projection = Reduction(make_segments(record, record.estimation), structure, reflections).project()
+    projection = Reduction(make_segments(record, record.estimation), structure, reflections).projection
     X, y = dense_problem(record, structure, reflections, record.estimation)
     weights = np.linalg.lstsq(X, y, rcond=None)[0]
     residual = y - X @ weights
@@ -169,11 +169,10 @@ def test_gradient_is_that_of_finite_differences(structure):
     record = simulated(900, experiment=np.repeat(["a", "b"], [500, 400]))
     segments = make_segments(record, record.estimation)
     reflections = reflections_from_poles(np.linspace(0.4, 0.9, structure.order) + 0j)
-    reduction = Reduction(segments, structure, reflections)
-    J, r = reduction.linearise(reduction.project())
+    J, r = Reduction(segments, structure, reflections).linearise()
 
     def cost(k):
-        return Reduction(segments, structure, k).project().cost
+        return Reduction(segments, structure, k).cost
 
     step = 1e-6
     numeric = [
@@ -181,7 +180,7 @@ def test_gradient_is_that_of_finite_differences(structure):
         for e in np.eye(structure.order)
     ]
     # The gradient of the eliminated problem is exact; central differences are good to step^2.
-    np.testing.assert_allclose(-2.0 * J.T @ r, numeric, rtol=2e-5, atol=1e-5 * np.abs(numeric).max())
+    np.testing.assert_allclose(2.0 * J.T @ r, numeric, rtol=2e-5, atol=1e-5 * np.abs(numeric).max())
 
 
 def test_rows_far_from_the_start_leave_no_trace_of_it():
@@ -330,7 +329,8 @@ def test_frequency_response_and_poles_are_those_of_python_control():
     control = pytest.importorskip("control")
     fit = fit_output_error(simulated(), 2, constant=False, initial_state="rest")
     peer = control.TransferFunction(fit.b[0], fit.a, 0.1)
-    np.testing.assert_allclose(np.sort_complex(peer.poles()), np.sort_complex(fit.poles), atol=1e-10)
+    # By imaginary part: the real parts of a pair are equal only up to rounding.
+    np.testing.assert_allclose(sorted(peer.poles(), key=np.imag), sorted(fit.poles, key=np.imag), atol=1e-10)
     omega = np.array([1.0, 5.0, 20.0])
     n = 4000
     for frequency in omega:

@@ -11,7 +11,9 @@ from sysid.nonlinearities.pieces import AffinePieces
 from sysid.separable import (
     BlockedQR,
     LaggedRegression,
+    Residual,
     Status,
+    descend,
     fit,
     golub_pereyra_jacobian,
     kaufman_jacobian,
@@ -281,6 +283,65 @@ def test_infeasible_trial_points_shorten_the_step():
 
     result = levenberg_marquardt(residual, lambda x: 1 / x[:, None], [20.0])
     np.testing.assert_allclose(result.x, [1.0], rtol=1e-8)
+
+
+def test_points_are_linearised_only_where_a_step_was_taken():
+    seen = []
+
+    class Valley(Residual):
+        def linearise(self):
+            seen.append(self.cost)
+            return super().linearise()
+
+    result = descend(lambda x: Valley(rosenbrock(x), lambda: rosenbrock_jacobian(x)), [-1.2, 1.0])
+    assert result.n_evaluations > len(result.costs)  # some steps were refused
+    assert seen == list(result.costs)[: len(seen)]
+    assert len(seen) >= len(result.costs) - 1
+
+
+def test_a_triangular_factor_serves_as_well_as_the_residual(rng):
+    t = np.linspace(0, 2, 300)
+    y = 2 * np.exp(-1.5 * t) + 0.1 * rng.standard_normal(t.size)
+
+    def dense(x):
+        signal = x[0] * np.exp(-x[1] * t)
+        return Residual(signal - y, lambda: np.column_stack([np.exp(-x[1] * t), -t * signal]))
+
+    class Compressed(Residual):
+        def linearise(self):
+            factor = np.linalg.qr(np.column_stack(super().linearise()), mode="r")
+            return factor[:2, :2], factor[:2, 2]
+
+    full = descend(dense, [1.0, 1.0])
+    small = descend(lambda x: Compressed(dense(x).residual, dense(x).derivative), [1.0, 1.0])
+    # The same steps up to the rounding of two factorisations.
+    np.testing.assert_allclose(small.x, full.x, rtol=1e-9)
+    assert small.n_evaluations == full.n_evaluations
+
+
+@pytest.mark.parametrize("share", [1e-2, 1e-4])
+def test_descent_stops_where_no_step_is_worth_the_given_share(rng, share):
+    t = np.linspace(0, 2, 300)
+    y = np.exp(-1.5 * t) + 0.1 * rng.standard_normal(t.size)
+
+    def evaluate(x):
+        return Residual(np.exp(-x[0] * t) - y, lambda: (-t * np.exp(-x[0] * t))[:, None])
+
+    best = descend(evaluate, [4.0])
+    early = descend(evaluate, [4.0], negligible=share)
+    assert early.status is Status.NEGLIGIBLE
+    assert early.status.converged
+    assert early.n_evaluations < best.n_evaluations
+    # The linear prediction of what is left is good to a factor of two this near to the minimum.
+    assert early.costs[-1] - best.costs[-1] < 2 * share * best.costs[-1]
+
+
+def test_a_cost_that_counts_as_zero_ends_the_descent():
+    result = descend(
+        lambda x: Residual(rosenbrock(x), lambda: rosenbrock_jacobian(x)), [-1.2, 1.0], zero=1e-3
+    )
+    assert result.status is Status.NEGLIGIBLE
+    assert result.costs[-1] <= 1e-3 < result.costs[-2]
 
 
 def test_the_limit_is_reported():

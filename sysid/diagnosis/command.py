@@ -81,6 +81,8 @@ def read_data(arguments: argparse.Namespace) -> "Record":
 
 def run(arguments: argparse.Namespace) -> int:
     """Run `sysid compare`; errors of use and of data are raised as `SysidError`."""
+    from threadpoolctl import threadpool_limits
+
     from sysid.diagnosis.compare import MODELS, compare
     from sysid.progress import progress
 
@@ -89,7 +91,8 @@ def run(arguments: argparse.Namespace) -> int:
     page = arguments.html or DEFAULT_FOLDER / f"{_stem(arguments.data)}.compare.html"
     _check_results((page, arguments.json), arguments.data)
     record = read_data(arguments)
-    with progress() as bars:
+    # All products are of one long row: a second thread would only wait, and take the time of others.
+    with threadpool_limits(1), progress() as bars:
         with bars.task(f"models of {record.name}", total=100) as bar:
             comparison = compare(
                 record,

@@ -26,7 +26,7 @@ INITIAL_STATES = ("estimate", "rest")
 SCREENING_ROWS = 10_000
 RANKING_ROWS = 5_000
 SEARCHED_STARTS = 4
-FIRST_ITERATIONS = 12
+FIRST_EVALUATIONS = 13
 LEADING = 2
 # A search stops when its next step is below this share of a standard error.
 FINE_STEP = 1e-3
@@ -186,11 +186,12 @@ def fit_output_error(
     segments = make_segments(record, chosen)
     n_rows = sum(int(segment.used.sum()) for segment in segments)
     _check_enough(structure, segments, n_rows)
+    step = FINE_STEP if precise else COARSE_STEP
     with threadpool_limits(1):  # blocks are small: further threads only wait for one another
         if start is None:
-            search, agree, tried = _search_all(segments, structure, extra_starts, precise)
+            search, agree, tried = _search_all(segments, structure, extra_starts, step)
         else:
-            search = search_poles(segments, structure, reflections_from_poles(start), FINE_STEP)
+            search = search_poles(segments, structure, reflections_from_poles(start), step)
             agree, tried = True, 1
         uncertainty = parameter_uncertainty(segments, structure, search, skip=not precise)
     a, b, constant_value = coefficients(
@@ -289,13 +290,12 @@ def _check_enough(structure: Structure, segments: tuple[Segment, ...], n_rows: i
 
 
 def _search_all(
-    segments: tuple[Segment, ...], structure: Structure, extra: Sequence[Complexes], precise: bool
+    segments: tuple[Segment, ...], structure: Structure, extra: Sequence[Complexes], step: float
 ) -> tuple[Search, bool, int]:
     """Search from the best of all starts; return the best end, whether two agree, and how many ran."""
     screening = _shortened(segments, SCREENING_ROWS)
-    step = FINE_STEP if precise else COARSE_STEP
     ranked = _ranked_starts(_shortened(segments, RANKING_ROWS), structure, extra)[:SEARCHED_STARTS]
-    searches = [search_poles(screening, structure, start, COARSE_STEP, FIRST_ITERATIONS) for start in ranked]
+    searches = [search_poles(screening, structure, start, COARSE_STEP, FIRST_EVALUATIONS) for start in ranked]
     searches.sort(key=lambda search: search.cost)
     leading = [search_poles(screening, structure, s.reflections, step) for s in searches[:LEADING]]
     leading.sort(key=lambda search: search.cost)
@@ -351,7 +351,7 @@ def _ranked_starts(
     costs: list[tuple[float, Floats]] = []
     for poles in candidates:
         start = reflections_from_poles(np.concatenate([poles, np.zeros(order - poles.size)]))
-        cost = Reduction(segments, structure, start).project().cost
+        cost = Reduction(segments, structure, start).cost
         if np.isfinite(cost):
             costs.append((cost, start))
     costs.sort(key=lambda pair: pair[0])

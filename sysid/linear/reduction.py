@@ -6,14 +6,15 @@ grow with the record; the initial state of each experiment is eliminated inside 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from sysid.linear.forms import Floats, section_coefficients
 from sysid.linear.kernels import all_pole_filter, kautz_columns, sensitivity_columns
+from sysid.separable.factor import fold
 
 BLOCK_ROWS = 4096
-PANEL = 4
 # Below this the response to the initial state has died out: it no longer adds a column.
 DEAD = 1e-12
 RANK_TOLERANCE = 1e-11
@@ -157,23 +158,6 @@ class Columns:
             all_pole_filter(np.ones(last - first), self.a1, self.a2, self.constant_state, out[place])
 
 
-def fold(triangle: Floats | None, rows: Floats) -> Floats:
-    """Fold rows, shape (n_columns, n_rows), under a triangular factor; both are used up.
-
-    The factor of (triangle over rows) is returned; its structure is exploited and nothing is copied.
-    """
-    from scipy.linalg.lapack import dtpqrt
-
-    n_columns = rows.shape[0]
-    if triangle is None:
-        triangle = np.zeros((n_columns, n_columns), order="F")
-    if rows.shape[1] == 0:
-        return triangle
-    rows = np.ascontiguousarray(rows)
-    folded = dtpqrt(0, min(PANEL, n_columns), triangle, rows.T, overwrite_a=1, overwrite_b=1)[0]
-    return np.asarray(folded)
-
-
 class Reduction:
     """Triangular factors of a set of experiments for given poles."""
 
@@ -183,8 +167,9 @@ class Reduction:
         self.reflections = reflections
         self.n_shared = structure.n_shared(segments[0].u.shape[1])
 
-    def project(self) -> Projection:
-        """Return the best linear parameters and their cost."""
+    @cached_property
+    def projection(self) -> Projection:
+        """The best linear parameters and their cost."""
         triangle, local = self._reduce(None)
         p = self.n_shared
         shared = solve(triangle[:p, :p], triangle[:p, -1])
@@ -193,17 +178,22 @@ class Reduction:
         starts = tuple(solve(left, right[:, -1] - right[:, :-1] @ shared) for left, right in local)
         return Projection(float(residual @ residual), shared, starts)
 
-    def linearise(self, projection: Projection) -> tuple[Floats, Floats]:
+    @property
+    def cost(self) -> float:
+        """Sum of squared residuals."""
+        return self.projection.cost
+
+    def linearise(self) -> tuple[Floats, Floats]:
         """Return J (triangular) and r, linear parameters eliminated, in the reflection coefficients.
 
-        The cost near the poles is |r - J step|^2 plus what no step can remove.  Holding B while A
-        moves gives the columns -q^-i output / A_j, whatever the linear parameters; their part inside
+        The cost near the poles is |r + J step|^2 plus what no step can remove.  Holding B while A
+        moves gives the columns q^-i output / A_j, whatever the linear parameters; their part inside
         the span of the linear columns is projected out (the Jacobian of Kaufman).
         """
-        triangle, _ = self._reduce(projection)
+        triangle, _ = self._reduce(self.projection)
         p, order = self.n_shared, self.structure.order
         corner = triangle[p : p + order, p : p + order]
-        return corner @ self._chain(), triangle[p : p + order, -1]
+        return -corner @ self._chain(), triangle[p : p + order, -1]
 
     def _chain(self) -> Floats:
         """Return d(a1, a2 of each section)/d(reflection coefficients)."""

@@ -333,20 +333,24 @@ def suggested_delays(record: Record, rows: Mask, initial_state: str = "estimate"
     """
     longest = int(rows.sum()) // 20
     errors: dict[int, float] = {}
+    poles: dict[int, Complexes] = {}
+
+    def scan(delay: int, start: Complexes | None = None) -> None:
+        try:
+            fit = fit_output_error(
+                record, 2, delay=delay, initial_state=initial_state, rows=rows, start=start, precise=False
+            )
+        except SysidError:
+            errors[delay] = np.inf
+        else:
+            errors[delay], poles[delay] = fit.rms, fit.poles
+
     for delay in (lag for lag in COARSE_DELAYS if lag <= longest):
-        errors[delay] = _error_with_delay(record, rows, delay, initial_state)
+        scan(delay)
     best = min(errors, key=lambda lag: errors[lag])
     while new := [lag for lag in (best - 1, best + 1) if 0 <= lag <= longest and lag not in errors]:
         for delay in new:
-            errors[delay] = _error_with_delay(record, rows, delay, initial_state)
+            scan(delay, poles.get(best))  # one sample further the poles are nearly the same
         best = min(errors, key=lambda lag: errors[lag])
     first = min(lag for lag in errors if errors[lag] <= (1.0 + DEAD_TIME_SHARE) * errors[best])
     return tuple(sorted({1, max(first - 1, 0), first, first + 1}))
-
-
-def _error_with_delay(record: Record, rows: Mask, delay: int, initial_state: str) -> float:
-    try:
-        fit = fit_output_error(record, 2, delay=delay, initial_state=initial_state, rows=rows, precise=False)
-    except SysidError:
-        return np.inf
-    return fit.rms

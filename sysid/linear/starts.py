@@ -6,7 +6,8 @@ import numpy as np
 
 from sysid.linear.forms import Complexes, Floats, reflections_from_poles, section_coefficients
 from sysid.linear.kernels import all_pole_filter
-from sysid.linear.reduction import BLOCK_ROWS, Segment, Structure, fold, solve
+from sysid.linear.reduction import BLOCK_ROWS, Segment, Structure, solve
+from sysid.separable.factor import fold
 
 STEIGLITZ_MCBRIDE_ROUNDS = 8
 GRID_FREQUENCIES = 8

@@ -6,8 +6,9 @@ import numpy as np
 
 from sysid.linear.forms import LARGEST_START, Floats, denominator
 from sysid.linear.kernels import polynomial_filter
-from sysid.linear.reduction import BLOCK_ROWS, Segment, Structure, fold, solve
+from sysid.linear.reduction import BLOCK_ROWS, Segment, Structure, solve
 from sysid.linear.search import Search
+from sysid.separable.factor import fold
 
 LARGEST_NOISE_ORDER = 20
 

@@ -3,6 +3,8 @@
 import enum
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +23,7 @@ class Status(enum.Enum):
     GRADIENT = "converged: the residual is orthogonal to every column of the Jacobian"
     STEP = "converged: the step is smaller than the tolerance relative to the parameters"
     COST = "converged: the cost no longer falls by more than the tolerance"
+    NEGLIGIBLE = "converged: a full step would lower the cost by a negligible amount"
     GLOBAL = "global minimum over the bounds: every cell was examined"
     GRID = "best of all starting points on the grid; a finer grid may find a lower minimum"
     MAX_EVALUATIONS = (
@@ -31,35 +34,70 @@ class Status(enum.Enum):
     @property
     def converged(self) -> bool:
         """Whether the stop is a minimum rather than a limit."""
-        return self in (Status.GRADIENT, Status.STEP, Status.COST, Status.GLOBAL, Status.GRID)
+        return self not in (Status.MAX_EVALUATIONS, Status.STUCK)
+
+
+class Point(Protocol):
+    """A least-squares problem at one set of parameters; only what is asked for need be computed."""
+
+    @property
+    def cost(self) -> float:
+        """Sum of squared residuals; infinite or NaN where the parameters are infeasible."""
+
+    def linearise(self) -> tuple[Floats, Floats]:
+        """Return the Jacobian and the residual, in any one orthonormal basis.
+
+        What is orthogonal to the Jacobian may be left out, so that a triangular factor will do.
+        """
 
 
 @dataclass(frozen=True)
-class Minimum:
-    """Result of `levenberg_marquardt`.
+class Residual:
+    """A point of the problem that a residual and its Jacobian define.
+
+    Attributes
+    ----------
+    residual : ndarray, shape (n_residuals,)
+    derivative : callable
+        Returns the Jacobian, shape (n_residuals, n_parameters).
+    """
+
+    residual: Floats
+    derivative: Callable[[], Floats]
+
+    @property
+    def cost(self) -> float:
+        """Sum of squared residuals."""
+        return float(self.residual @ self.residual)
+
+    def linearise(self) -> tuple[Floats, Floats]:
+        """Return the Jacobian and the residual."""
+        return self.derivative(), self.residual
+
+
+AnyPoint = TypeVar("AnyPoint", bound=Point)
+
+
+@dataclass(frozen=True)
+class Minimum(Generic[AnyPoint]):
+    """Result of `descend` and `levenberg_marquardt`.
 
     Attributes
     ----------
     x : ndarray, shape (n_parameters,)
         Parameters.
-    residual : ndarray, shape (n_residuals,)
-        Residual at ``x``.
-    jacobian : ndarray, shape (n_residuals, n_parameters)
-        Its derivative at ``x``.
-    cost : float
-        Sum of squared residuals.
+    point : Point
+        The problem at ``x``.
     status : Status
         Why the iteration stopped.
     costs : tuple of float
         Cost at the start and after every accepted step.
     n_evaluations : int
-        Evaluations of the residual.
+        Evaluations of the cost.
     """
 
     x: Floats
-    residual: Floats
-    jacobian: Floats
-    cost: float
+    point: AnyPoint
     status: Status
     costs: tuple[float, ...]
     n_evaluations: int
@@ -71,41 +109,18 @@ def levenberg_marquardt(
     start: ArrayLike,
     *,
     bounds: tuple[ArrayLike, ArrayLike] | None = None,
-    damping: float = 1e-3,
     tolerance: float = 1e-10,
     max_evaluations: int = 200,
-) -> Minimum:
-    r"""Minimise :math:`\|r(x)\|^2` by damped Gauss-Newton steps.
-
-    The damping is scaled by the running column norms of the Jacobian (Moré 1978), so the iteration
-    does not depend on the units of the parameters, and follows the gain ratio (Nielsen 1999).
-    Every step solves the augmented least-squares problem by QR.
+) -> Minimum[Residual]:
+    r"""Minimise :math:`\|r(x)\|^2` for a residual and its Jacobian given as functions.
 
     Parameters
     ----------
     residual, jacobian : callable
         Functions of the parameters; shapes (n_residuals,) and (n_residuals, n_parameters).
         A residual with a non-finite entry marks an infeasible point: the step is shortened.
-    start : array_like, shape (n_parameters,)
-        Starting point, feasible.
-    bounds : pair of array_like, optional
-        Lower and upper bounds; parameters at a bound that the gradient pushes outwards are held.
-    damping : float
-        Initial damping relative to the squared column norms.
-    tolerance : float
-        Relative tolerance on gradient angle, step and cost.
-    max_evaluations : int
-        Limit of residual evaluations.
-
-    Returns
-    -------
-    Minimum
-        Parameters, residual, Jacobian and status.
-
-    Raises
-    ------
-    UsageError
-        If the start is infeasible or outside the bounds.
+    start, bounds, tolerance, max_evaluations
+        See `descend`.
 
     Examples
     --------
@@ -116,19 +131,73 @@ def levenberg_marquardt(
     >>> round(float(fit.x[0]), 8)
     3.0
     """
+    return descend(
+        lambda x: Residual(residual(x), partial(jacobian, x)),
+        start,
+        bounds=bounds,
+        tolerance=tolerance,
+        max_evaluations=max_evaluations,
+    )
+
+
+def descend(
+    evaluate: Callable[[Floats], AnyPoint],
+    start: ArrayLike,
+    *,
+    bounds: tuple[ArrayLike, ArrayLike] | None = None,
+    tolerance: float = 1e-10,
+    negligible: float = 0.0,
+    zero: float = 0.0,
+    max_evaluations: int = 200,
+) -> Minimum[AnyPoint]:
+    r"""Minimise a sum of squares by damped Gauss-Newton steps.
+
+    The damping is scaled by the running column norms of the Jacobian (Moré 1978), so the iteration
+    does not depend on the units of the parameters, and follows the gain ratio (Nielsen 1999).
+    Every step solves the augmented least-squares problem by QR.
+
+    Parameters
+    ----------
+    evaluate : callable
+        Returns the `Point` at given parameters.  Its cost decides whether a step is taken; only
+        where one was taken is the point linearised.
+    start : array_like, shape (n_parameters,)
+        Starting point, feasible.
+    bounds : pair of array_like, optional
+        Lower and upper bounds; parameters at a bound that the gradient pushes outwards are held.
+    tolerance : float
+        Relative tolerance on gradient angle, step and cost.
+    negligible : float
+        Share of the cost; a point is good enough when no step could lower the cost by more if the
+        problem were linear.
+    zero : float
+        Cost, and decrease of the cost, that count as zero.
+    max_evaluations : int
+        Limit of evaluations.
+
+    Returns
+    -------
+    Minimum
+        Parameters, the point there and status.
+
+    Raises
+    ------
+    UsageError
+        If the start is infeasible or outside the bounds.
+    """
     x = np.array(start, dtype=float)
     lower, upper = _bounds(bounds, x)
-    r = residual(x)
-    if not np.all(np.isfinite(r)):
+    point = evaluate(x)
+    if not np.isfinite(point.cost):
         raise UsageError(f"the residual is not finite at the start {x.tolist()}: start elsewhere")
-    cost = float(r @ r)
-    costs = [cost]
+    costs = [point.cost]
     scale = np.zeros(x.size)
-    growth = 2.0
+    damping, growth = 1e-3, 2.0
     n_evaluations = 1
     status = Status.MAX_EVALUATIONS
-    jac = jacobian(x)
+    jac, r = _compressed(point)
     while n_evaluations < max_evaluations:
+        cost = point.cost
         norms = np.sqrt(np.einsum("ij,ij->j", jac, jac))
         scale = np.maximum(scale, norms)
         gradient = jac.T @ r
@@ -136,26 +205,30 @@ def levenberg_marquardt(
         if not np.any(free & (np.abs(gradient) > tolerance * norms * np.sqrt(cost))):
             status = Status.GRADIENT
             break
+        small = max(negligible * cost, zero)
+        if cost <= zero or (small > 0 and _possible_decrease(jac[:, free] / norms[free], r) <= small):
+            status = Status.NEGLIGIBLE
+            break
         step = _bounded_step(jac, r, np.sqrt(damping) * scale, free, lower - x, upper - x)
         trial = np.clip(x + step, lower, upper)
         small_step = np.linalg.norm(scale * step) <= tolerance * (np.linalg.norm(scale * x) + tolerance)
-        trial_residual = residual(trial)
+        trial_point = evaluate(trial)
         n_evaluations += 1
-        trial_cost = float(trial_residual @ trial_residual) if np.all(np.isfinite(trial_residual)) else np.inf
-        predicted = cost - float(np.sum((r + jac @ step) ** 2))
+        trial_cost = trial_point.cost if np.isfinite(trial_point.cost) else np.inf
+        predicted = float(r @ r - np.sum((r + jac @ step) ** 2))
         gain = (cost - trial_cost) / predicted if predicted > 0 else -1.0
         if gain > 1e-4:
             flat = cost - trial_cost <= tolerance * cost and predicted <= tolerance * cost
-            x, r, cost = trial, trial_residual, trial_cost
-            costs.append(cost)
+            x, point = trial, trial_point
+            costs.append(trial_cost)
             damping *= max(1 / 3, 1 - (2 * gain - 1) ** 3)
             growth = 2.0
-            jac = jacobian(x)
             if small_step or flat:
                 status = Status.STEP if small_step else Status.COST
                 break
+            jac, r = _compressed(point)
         else:
-            if small_step or abs(predicted) <= 1e-15 * cost:
+            if small_step or abs(predicted) <= max(small, 1e-15 * cost):
                 status = Status.STEP
                 break
             if damping > 1e20:
@@ -163,7 +236,22 @@ def levenberg_marquardt(
                 break
             damping *= growth
             growth *= 2
-    return Minimum(x, r, jac, cost, status, tuple(costs), n_evaluations)
+    return Minimum(x, point, status, tuple(costs), n_evaluations)
+
+
+def _compressed(point: Point) -> tuple[Floats, Floats]:
+    """Return the triangular factor of the Jacobian and the part of the residual in its range."""
+    jac, r = point.linearise()
+    n = jac.shape[1]
+    factor = triangle(np.column_stack([jac, r]))
+    return factor[:n, :n], factor[:n, n]
+
+
+def _possible_decrease(jac: Floats, r: Floats) -> float:
+    """Return how much a full step would lower the cost if the problem were linear."""
+    left, values, _ = np.linalg.svd(jac)
+    seen = values > 1e-10 * values[0]
+    return float(np.sum((left.T @ r)[: values.size][seen] ** 2))
 
 
 def _bounds(bounds: tuple[ArrayLike, ArrayLike] | None, x: Floats) -> tuple[Floats, Floats]:
@@ -192,9 +280,7 @@ def _bounded_step(jac: Floats, r: Floats, weight: Floats, free: Bools, low: Floa
 
 
 def _damped_step(jac: Floats, r: Floats, weight: Floats) -> Floats:
-    """Solve min ||J s + r||^2 + ||diag(weight) s||^2 by QR of the triangular factor of [J r]."""
+    """Solve min ||J s + r||^2 + ||diag(weight) s||^2 by QR."""
     n = jac.shape[1]
-    factor = triangle(np.column_stack([jac, r]))
-    stacked = np.vstack([factor, np.column_stack([np.diag(weight), np.zeros(n)])])
-    factor = triangle(stacked)
+    factor = triangle(np.block([[jac, r[:, np.newaxis]], [np.diag(weight), np.zeros((n, 1))]]))
     return np.asarray(solve_triangular(factor[:n, :n], -factor[:n, n]))

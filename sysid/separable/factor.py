@@ -10,6 +10,7 @@ from sysid.errors import DataError, IdentifiabilityError, UsageError
 
 Floats = NDArray[np.float64]
 
+PANEL = 4
 RANK_TOLERANCE = 1e-12
 """A column is dependent when its part outside the others is this small relative to its norm."""
 
@@ -131,14 +132,14 @@ class BlockedQR:
     r: Floats = field(init=False)
 
     def __post_init__(self) -> None:
-        self.r = np.zeros((self.n_columns, self.n_columns))
+        self.r = np.zeros((self.n_columns, self.n_columns), order="F")
 
     def update(self, rows: ArrayLike) -> None:
         """Take in a block of rows, shape (n_rows, n_columns)."""
         block = np.asarray(rows, dtype=float)
         if block.ndim != 2 or block.shape[1] != self.n_columns:
             raise UsageError(f"a block of shape {block.shape} does not have {self.n_columns} columns")
-        self.r = triangle(np.vstack([self.r, block]))
+        self.r = fold(self.r, np.array(block.T, order="C"))
         self.n_rows += block.shape[0]
 
     def solve(self, n_linear: int) -> tuple[Floats, float]:
@@ -154,6 +155,21 @@ class BlockedQR:
         theta = solve_triangular(factor, self.r[:n_linear, -1])
         remainder = self.r[n_linear:, -1]
         return theta, float(remainder @ remainder)
+
+
+def fold(triangle: Floats | None, rows: Floats) -> Floats:
+    """Fold rows, shape (n_columns, n_rows), under a triangular factor; both are used up.
+
+    The factor of (triangle over rows) is returned; its structure is exploited and nothing is copied.
+    """
+    n_columns = rows.shape[0]
+    if triangle is None:
+        triangle = np.zeros((n_columns, n_columns), order="F")
+    if rows.shape[1] == 0:
+        return triangle
+    rows = np.ascontiguousarray(rows)
+    folded = lapack.dtpqrt(0, min(PANEL, n_columns), triangle, rows.T, overwrite_a=1, overwrite_b=1)[0]
+    return np.asarray(folded)
 
 
 def triangle(matrix: Floats) -> Floats:

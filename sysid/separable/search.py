@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize, minimize_scalar
 
 from sysid.errors import UsageError
 from sysid.separable.cells import MAX_MINIMA
@@ -164,6 +163,8 @@ def _refine(
     cost: Callable[[Floats], float], eta: Floats, value: float, around: list[tuple[float, float]]
 ) -> tuple[Floats, float]:
     """Refine a grid minimum inside the box of its neighbours without derivatives."""
+    from scipy.optimize import minimize, minimize_scalar
+
     if eta.size == 1:
         low, high = around[0]
         result = minimize_scalar(

@@ -1,12 +1,13 @@
 """Variable projection: descent in the nonlinear parameters with the linear ones eliminated."""
 
+from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_triangular
 
-from sysid.separable.descent import levenberg_marquardt
+from sysid.separable.descent import Residual, descend
 from sysid.separable.estimate import SeparableFit
 from sysid.separable.factor import Projection, finite, project, triangle
 
@@ -65,6 +66,13 @@ def golub_pereyra_jacobian(projection: Projection, derivative: Floats) -> Floats
     return kaufman_jacobian(projection, derivative) - turned
 
 
+@dataclass(frozen=True)
+class _Point(Residual):
+    """The projected residual at one eta."""
+
+    projection: Projection
+
+
 def fit(
     regression: Regression,
     y: ArrayLike,
@@ -90,7 +98,7 @@ def fit(
     jacobian : {"kaufman", "golub-pereyra"}
         Approximate or exact Jacobian of the projected residual.
     tolerance, max_evaluations : float, int
-        See `levenberg_marquardt`.
+        See `descend`.
 
     Returns
     -------
@@ -117,39 +125,17 @@ def fit(
     SeparableFit(eta=[1.5], theta=[5], cost=...: converged: ...)
     """
     data = finite(y)
-    memory: dict[bytes, Projection] = {}
+    build = golub_pereyra_jacobian if jacobian == "golub-pereyra" else kaufman_jacobian
 
-    def projected(eta: Floats) -> Projection:
-        key = eta.tobytes()
-        if key not in memory:
-            memory.clear()
-            phi = regression.regressors(eta)
-            if not np.all(np.isfinite(phi)):
-                phi, infeasible = np.zeros_like(phi), True
-            else:
-                infeasible = False
-            found = project(phi, data)
-            if infeasible:
-                found = Projection(found.theta, np.full(data.size, np.inf), found.q, found.r, found.columns)
-            memory[key] = found
-        return memory[key]
+    def evaluate(eta: Floats) -> _Point:
+        phi = regression.regressors(eta)
+        feasible = bool(np.all(np.isfinite(phi)))
+        found = project(phi if feasible else np.zeros_like(phi), data)
+        residual = found.residual if feasible else np.full(data.size, np.inf)
+        return _Point(residual, lambda: build(found, regression.derivative(eta)), found)
 
-    exact = jacobian == "golub-pereyra"
-
-    def slopes(eta: Floats) -> Floats:
-        derivative = regression.derivative(eta)
-        build = golub_pereyra_jacobian if exact else kaufman_jacobian
-        return build(projected(eta), derivative)
-
-    minimum = levenberg_marquardt(
-        lambda eta: projected(eta).residual,
-        slopes,
-        start,
-        bounds=bounds,
-        tolerance=tolerance,
-        max_evaluations=max_evaluations,
-    )
-    final = projected(minimum.x)
+    minimum = descend(evaluate, start, bounds=bounds, tolerance=tolerance, max_evaluations=max_evaluations)
+    final = minimum.point.projection
     return SeparableFit(
         eta=minimum.x,
         theta=final.theta,
