@@ -11,6 +11,10 @@ Kernel = TypeVar("Kernel", bound=Callable[..., object])
 def compiled(function: Kernel) -> Kernel:
     """Compile a kernel with numba: cached on disk, the interpreter lock released.
 
-    ``fastmath`` stays off so that a result is the same to the bit on every run.
+    ``fastmath`` stays off so that a result is the same to the bit on every run.  Where neither the
+    package's folder nor the user's can hold the cache, each process compiles for itself.
     """
-    return cast(Kernel, numba.njit(cache=True, nogil=True)(function))
+    try:
+        return cast(Kernel, numba.njit(cache=True, nogil=True)(function))
+    except RuntimeError:
+        return cast(Kernel, numba.njit(nogil=True)(function))

@@ -99,6 +99,12 @@ def read(source: Traversable) -> list[Claim]:
     """
     try:
         entries = tomllib.loads(source.read_text(encoding="utf-8")).get("claim")
+    except OSError as error:
+        raise UsageError(
+            f"{source.name} cannot be read ({error.strerror}): install the paper again"
+        ) from None
+    except UnicodeDecodeError as error:
+        raise UsageError(f"{source.name} is not UTF-8 text (byte {error.start}): save it as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
         raise UsageError(f"{source.name} is not TOML: {error}") from None
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
@@ -116,6 +122,9 @@ def read(source: Traversable) -> list[Claim]:
                 f"{source.name}: claim {name} has verdict {entry['verdict']!r}; "
                 f"use one of {', '.join(VERDICTS)}"
             )
+        for key in sorted(set(entry) - {"tolerance"}):
+            if not isinstance(entry[key], str) and not (key == "printed" and _is_number(entry[key])):
+                raise UsageError(f"{source.name}: claim {name} has {key} = {entry[key]!r}: give it as a text")
         _check_tolerance(f"{source.name}: claim {name}", entry["tolerance"])
         if any(claim.id == entry["id"] for claim in claims):
             raise UsageError(f"{source.name}: claim id {name} is used twice")
@@ -125,11 +134,22 @@ def read(source: Traversable) -> list[Claim]:
 
 def _check_tolerance(what: str, tolerance: Any) -> None:
     kind = tolerance.get("type") if isinstance(tolerance, dict) else tolerance
-    if not isinstance(tolerance, dict) or kind not in _TOLERANCES:
+    if not isinstance(tolerance, dict) or not isinstance(kind, str) or kind not in _TOLERANCES:
         raise UsageError(f"{what} has tolerance type {kind!r}; use one of {', '.join(_TOLERANCES)}")
     for key in _TOLERANCES[kind]:
-        if not isinstance(tolerance.get(key), int | float):
+        if key not in tolerance:
             raise UsageError(f"{what} has a tolerance of type {kind} without a number {key!r}: add it")
+    for key in {"decimals", "tolerance"} & set(tolerance):
+        value = tolerance[key]
+        if not _is_number(value) or value < 0 or (key == "decimals" and value != int(value)):
+            raise UsageError(
+                f"{what} has {key} = {value!r} in its tolerance, which is no {'whole ' * (key == 'decimals')}"
+                "number from 0: correct it"
+            )
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def judge(claim: Claim, value: float, band: tuple[float, float] | None = None) -> Claim:

@@ -1,14 +1,17 @@
 """The command ``sysid``: parse, call, print; everything heavy is imported by the command that needs it."""
 
 import argparse
+import io
+import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NoReturn
 
 from sysid import __version__
 from sysid.errors import SysidError
 
-DONE, RED_GATE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+DONE, RED_GATE, BAD_INPUT, INTERRUPTED, READER_LEFT = 0, 1, 2, 130, 141
 
 
 class _Parser(argparse.ArgumentParser):
@@ -49,21 +52,54 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 done (and all gates green), 1 a gate red, 2 bad use or bad input, 130 interrupted.
+        0 done (and all gates green), 1 a gate red, 2 bad use or bad input, 130 interrupted, 141 the
+        reader of the output left.
     """
+    _prepare_streams()
     arguments = build_parser().parse_args(argv)
     try:
-        return int(arguments.load()(arguments))
+        code = int(arguments.load()(arguments))
+        sys.stdout.flush()
+        return code
     except SysidError as error:
         print(f"sysid {arguments.command}: error: {error}", file=sys.stderr)
         return BAD_INPUT
+    except SystemExit as stop:
+        # What rich makes of a broken pipe would look like a red gate.
+        if isinstance(stop.__context__, BrokenPipeError):
+            return READER_LEFT
+        raise
+    except BrokenPipeError:
+        # The reader of our output left, as `head` does; nobody is there to be told.
+        _drop_output()
+        return READER_LEFT
     except OSError as error:
+        _drop_output()
         place = f" ({error.filename})" if error.filename else ""
         print(f"sysid {arguments.command}: error: {error.strerror or error}{place}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
-        print(f"sysid {arguments.command}: interrupted; what was finished is kept", file=sys.stderr)
+        kept = "; the finished runs are kept, --resume goes on" if "resume" in arguments else ""
+        print(f"sysid {arguments.command}: interrupted{kept}", file=sys.stderr)
         return INTERRUPTED
+
+
+def _prepare_streams() -> None:
+    """Let output be written whatever the terminal: closed, or without the letters of a name."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _drop_output() -> None:
+    """Forget what could not be written, so that the interpreter does not try again at its end."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 if __name__ == "__main__":

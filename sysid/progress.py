@@ -134,7 +134,7 @@ def _rich_bars(stream: TextIO, force: bool) -> "Bars":
     from rich.progress import Progress as Bars
 
     return Bars(
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TaskProgressColumn(),
         MofNCompleteColumn(),

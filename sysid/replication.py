@@ -13,11 +13,11 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from hashlib import sha256
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, entry_points, version
+from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
 from importlib.resources.abc import Traversable
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from sysid.errors import UsageError
 
@@ -27,6 +27,18 @@ if TYPE_CHECKING:
     from sysid.montecarlo import Runner, Study, Task
 
 SCHEMA = 1
+PAPER_PARTS = (
+    "id",
+    "title",
+    "citation",
+    "default_runs",
+    "smoke_runs",
+    "claims_file",
+    "notebook",
+    "plan",
+    "replicate",
+)
+"""What a `Paper` must have."""
 PACKAGES = ("sysid", "numpy", "scipy", "numba", "control", "joblib", "pandas", "pyarrow", "matplotlib")
 
 
@@ -130,25 +142,36 @@ class Paper(Protocol):
         """Regenerate the paper."""
 
 
-def papers() -> dict[str, Paper]:
-    """Return the installed papers by id."""
-    found = {entry.name: entry for entry in entry_points(group="sysid.papers")}
-    return {name: found[name].load() for name in sorted(found)}
-
-
 def chosen_papers(names: Sequence[str]) -> dict[str, Paper]:
     """Return the papers that were asked for, all when none was named.
 
     Raises
     ------
     UsageError
-        If a paper is not installed.
+        If a paper is not installed or cannot be loaded.
     """
-    available = papers()
+    entries = {entry.name: entry for entry in entry_points(group="sysid.papers")}
+    available = sorted(entries)
     for name in names:
-        if name not in available:
+        if name not in entries:
             raise UsageError(f"there is no paper {name!r}; installed are: {', '.join(available) or 'none'}")
-    return {name: available[name] for name in (names or available)}
+    return {name: _load(entries[name]) for name in (names or available)}
+
+
+def _load(entry: EntryPoint) -> Paper:
+    """Import a paper; whatever its package does wrong is told in one sentence."""
+    remedy = "repair or uninstall the package it comes from"
+    try:
+        paper = entry.load()
+    except Exception as error:
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise UsageError(
+            f"the paper {entry.name!r} ({entry.value}) cannot be loaded ({reason}): {remedy}"
+        ) from error
+    missing = [name for name in PAPER_PARTS if not hasattr(paper, name)]
+    if missing:
+        raise UsageError(f"the paper {entry.name!r} ({entry.value}) has no {missing[0]!r}: {remedy}")
+    return cast(Paper, paper)
 
 
 def provenance(papers: Mapping[str, Paper], runs: Mapping[str, int], seed: int) -> dict[str, Any]:

@@ -64,7 +64,23 @@ def test_a_file_is_read_in_its_order(claims_file):
             "claim a has a tolerance of type digits without a number 'decimals'",
         ),
         ({"tolerance": '{type = "relative"}'}, "without a number 'tolerance': add it"),
-        ({"tolerance": '{type = "slope", tolerance = "x"}'}, "without a number 'tolerance': add it"),
+        (
+            {"tolerance": '{type = "slope", tolerance = "x"}'},
+            "tolerance = 'x' in its tolerance, which is no number",
+        ),
+        ({"tolerance": '{type = "slope", tolerance = nan}'}, "tolerance = nan in its tolerance"),
+        ({"tolerance": '{type = "relative", tolerance = true}'}, "tolerance = True in its tolerance"),
+        (
+            {"tolerance": '{type = "digits", decimals = -1}'},
+            "decimals = -1 in its tolerance, which is no whole",
+        ),
+        ({"tolerance": '{type = "digits", decimals = 1.5}'}, "decimals = 1.5 in its tolerance"),
+        ({"tolerance": '{type = "exact", decimals = "2"}'}, "decimals = '2' in its tolerance"),
+        ({"tolerance": '{type = ["exact"]}'}, "claim a has tolerance type ['exact']"),
+        ({"printed": "[1, 2]"}, "claim a has printed = [1, 2]: give it as a text"),
+        ({"printed": "nan"}, "claim a has printed = nan"),
+        ({"verdict": "1"}, "claim a has verdict 1"),
+        ({"number": "7"}, "claim a has number = 7: give it as a text"),
     ],
 )
 def test_a_faulty_claim_is_named_with_its_file(claims_file, change, message):
@@ -73,6 +89,14 @@ def test_a_faulty_claim_is_named_with_its_file(claims_file, change, message):
         read(claims_file(entry))
     assert message in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path):
+    with pytest.raises(UsageError, match=r"paper.toml cannot be read"):
+        read(tmp_path / "paper.toml")
+    (tmp_path / "paper.toml").write_bytes(b"# caf\xe9")
+    with pytest.raises(UsageError, match=r"paper.toml is not UTF-8 text \(byte 5\)"):
+        read(tmp_path / "paper.toml")
 
 
 def test_an_id_is_used_once(claims_file):

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -36,6 +37,9 @@ def error_of(capsys, *arguments):
         (["replicate", "--backend", "mpi"], "invalid choice: 'mpi'"),
         (["replicate", "--scheduler", "tcp://127.0.0.1:1"], "goes with the backend 'dask'"),
         (["replicate", "--case", "relay"], "--case goes with --only-run"),
+        (["replicate", "--backend", "dask", "--scheduler", "nonsense"], "no address of a Dask scheduler"),
+        (["replicate", "--backend", "dask", "--scheduler", ""], "'' is no address of a Dask scheduler"),
+        (["replicate", "--out", "/dev/null/out"], "cannot be written (Not a directory): name a folder"),
         (["replicate", "--case", "nonsense", "--only-run", "3"], "no case is named 'nonsense'"),
         (["compare", "no-such-file.csv", "--period", "1"], "no-such-file.csv"),
     ],
@@ -55,6 +59,51 @@ def test_out_may_not_be_a_file(capsys, tmp_path):
     assert (code, len(lines)) == (2, 1)
     assert "is a file: name a folder" in lines[0]
     assert place.read_text() == "mine"
+
+
+PRINTING = """
+import argparse, sys
+import sysid.cli as cli
+
+def print_much(arguments):
+    if sys.argv[1] == "rich":
+        from rich.console import Console
+        Console().print("found " * 50_000)
+    else:
+        print("found " * 50_000)
+    return 0
+
+parsed = argparse.Namespace(command="tell", load=lambda: print_much)
+cli.build_parser = lambda: argparse.Namespace(parse_args=lambda argv: parsed)
+sys.exit(cli.main())
+"""
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this platform has no full device")
+@pytest.mark.parametrize("printer", ["plain", "rich"])
+def test_output_that_cannot_be_written_ends_in_one_sentence_or_in_silence(printer):
+    def run(redirection):
+        shell = ["sh", "-c", f'"$@" {redirection}', "sh", sys.executable, "-c", PRINTING, printer]
+        done = subprocess.run(shell, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, check=False)
+        return done.returncode, done.stderr.decode()
+
+    assert run(">/dev/full") == (2, "sysid tell: error: No space left on device\n")
+    assert run(">&-") == (0, "")
+    command = [sys.executable, "-c", PRINTING, printer]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        process.stdout.close()  # as `head` does when it has seen enough
+        error = process.stderr.read()
+    assert (process.returncode, error) == (141, b"")
+
+
+def test_ctrl_c_is_one_sentence(capsys, monkeypatch):
+    def interrupt(names):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("sysid.commands.replicate.chosen_papers", interrupt)
+    assert main(["replicate"]) == 130
+    captured = capsys.readouterr()
+    assert captured.err == "sysid replicate: interrupted; the finished runs are kept, --resume goes on\n"
 
 
 def test_help_has_an_example_and_costs_little():

@@ -27,8 +27,8 @@ def record(n=900, noise=0.1, seed=0, **keywords):
     rng = np.random.default_rng(seed)
     u = rng.standard_normal(n)
     y = signal.lfilter(B, A, u) + noise * rng.standard_normal(n)
-    split = np.repeat(["train", "test"], [2 * n // 3, n - 2 * n // 3])
-    return make_record(u, y, 0.1, name="plant", units={"u": "V", "y": "m"}, split=split, **keywords)
+    keywords = {"split": np.repeat(["train", "test"], [2 * n // 3, n - 2 * n // 3]), **keywords}
+    return make_record(u, y, 0.1, name="plant", units={"u": "V", "y": "m"}, **keywords)
 
 
 @pytest.fixture(scope="module")
@@ -252,6 +252,52 @@ def test_page_in_a_browser(page, tmp_path, width):
     assert picture.stat().st_size > 30_000  # a blank page has a few kB
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"order": "2"}, "order is '2': give a whole number"),
+        ({"order": 2.5}, "order is 2.5"),
+        ({"delay": "1"}, "delay is '1'"),
+        ({"constant": "yes"}, "constant is 'yes': give True, False or None"),
+        ({"record": np.zeros(60)}, "record is of type ndarray: make one with"),
+    ],
+)
+def test_arguments_of_the_wrong_kind_are_told(arguments, message):
+    with pytest.raises(UsageError, match=message):
+        compare(**{"record": record(120), "order": 1} | arguments)
+
+
+@pytest.mark.parametrize("scored", [2, 5, 19])
+def test_few_test_rows_are_scored_and_not_tested(scored):
+    rec = record(300, split=["train"] * 280 + ["test"] * 20, skip=20 - scored)
+    comparison = compare(rec, order=2)
+    assert comparison.score_of("test").n_rows == scored
+    assert f"The {scored} samples of test are too few to tell" in " ".join(comparison.sentences())
+    assert "Spectrum" not in comparison.to_html()
+
+
+def test_constant_output_on_test_has_no_share_explained():
+    u, y = record(300).u[:, 0], record(300).y[:, 0].copy()
+    y[200:] = 0.1  # a mean of equal values that differs from them by rounding
+    comparison = compare(make_record(u, y, 0.1, split=["train"] * 200 + ["test"] * 100), order=2)
+    assert np.isnan(comparison.score_of("test").free_run.nrmse)
+    assert comparison.to_json()["scores"]["test"]["nrmse"] is None
+    assert "where 'y' is constant and has no variance to explain" in comparison.sentences()[0]
+    assert "nan" not in comparison.to_html().split("<style>")[0] + " ".join(comparison.sentences())
+
+
+def test_names_of_any_kind_are_drawn_as_they_are():
+    rec = record(300, split=["train"] * 200 + ["test[/x]"] * 100)
+    odd = make_record(rec.u, rec.y, 0.1, split=rec.split, inputs=[r"$\foo$"], outputs=["量"])
+    page = compare(odd, order=2).to_html()
+    assert r"$\foo$ [" in page
+
+
+def test_estimation_rows_of_both_names_are_scored_together():
+    rec = record(300, split=["train", "est"] * 100 + ["test"] * 100)
+    assert compare(rec, order=2).score_of("train").n_rows == 200
+
+
 # The command
 
 
@@ -306,14 +352,22 @@ def test_command_writes_page_and_json_and_answers(tmp_path, monkeypatch, capsys)
         ([], "sampling period is not known"),
         (["--period", "0.1", "--html", "pump.csv"], "is the measurement file"),
         (["--period", "0.1", "--json", "."], "is a folder"),
+        (["--period", "0.1", "--json", "pump.json"], "pump.json holds notes on the measurements"),
+        (["--period", "0.1", "--json", "p", "--html", "./p"], "p is named for two results"),
+        (["--period", "0.1", "--json", "pump.csv/p.json"], "pump.csv is a file): choose another place"),
+        (["--period", "0.1", "--html", "p" * 300], "(File name too long): choose another place"),
+        (["--period", "0.1", "--output", "y", "--output", "u"], "--output is given 2 times (y, u)"),
     ],
 )
 def test_bad_use_ends_in_one_sentence(tmp_path, monkeypatch, capsys, options, message):
     monkeypatch.chdir(tmp_path)
     write(tmp_path)
+    Path("pump.json").write_text('{"units": {"u": "V"}}')
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     assert main(["compare", "pump.csv", "--split-column", "set", *options]) == 2
     out, err = capsys.readouterr()
     assert out == ""
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
     assert message in err
     assert err.count("\n") == 1
 

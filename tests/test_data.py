@@ -3,6 +3,8 @@
 import gzip
 import json
 import os
+import pickle
+import re
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +102,47 @@ def test_neighbouring_json_gives_units_period_and_skip(tmp_path):
     assert read_record(path, split="set", period=1.0).unit("u") == ""
 
 
+@pytest.mark.parametrize(
+    ("notes", "warning"),
+    [
+        ("{", "is not readable JSON"),
+        ("[" * 100_000, "is not readable JSON"),
+        ("[]", "holds no JSON object"),
+        ('{"Ts": "0.1"}', r"'Ts' is no positive number of seconds \("),
+        ('{"Ts": true}', r"'Ts' is no positive number of seconds \(true\)"),
+        ('{"Ts": -1}', "'Ts' is no positive number"),
+        ('{"Ts": 1' + "0" * 400 + "}", "'Ts' is no positive number"),
+        ('{"units": {"u": null}}', "the unit of 'u' is no text"),
+        ('{"units": 5}', "'units' is no JSON object"),
+        ('{"splits": {"test": {"skip": true}}}', "'skip' of the set 'test' is no whole number"),
+    ],
+)
+def test_notes_that_cannot_be_used_are_told(tmp_path, notes, warning):
+    path = table(tmp_path)
+    path.with_suffix(".json").write_text(notes)
+    record = read_record(path, period=0.1, split="set")
+    assert re.search(warning, record.warnings[0])
+    assert (dict(record.units), dict(record.skip)) == ({}, {})
+    with pytest.raises(UsageError, match=rf"period is not known \(pump.json beside the table.*{warning}"):
+        read_record(path, split="set")
+
+
+def test_notes_that_skip_a_whole_set_are_refused(tmp_path):
+    path = table(tmp_path)
+    path.with_suffix(".json").write_text('{"Ts": 0.1, "splits": {"test": {"skip": 20}}}')
+    with pytest.raises(DataError, match=r"notes in pump.json skip 20 rows of the set 'test', which has 20"):
+        read_record(path, split="set")
+
+
+def test_names_that_are_not_asked_for_do_not_matter(tmp_path):
+    path = tmp_path / "wide.csv"
+    rows = "".join(f'{k % 3},{k % 5},x,y,12:00:{k:02d}, "a, b",\n' for k in range(40))
+    path.write_text('"u, V",y,note,note,t,,\n' + rows)
+    record = read_record(path, inputs=["u, V"], period=1.0)
+    assert record.u[:4, 0].tolist() == [0, 1, 2, 0]
+    assert "'t' does not hold numbers" in record.warnings[0]
+
+
 def test_last_quarter_of_each_experiment_is_held_out():
     u, y = signals(200)
     record = make_record(u, y, 1.0, experiment=np.repeat(["a", "b"], 100))
@@ -156,7 +199,8 @@ def change_cell(row, column, value):
         (change_cell(4, 4, "training"), r"row 5: split value 'training' is not known"),
         (change_cell(7, 1, 0.75), r"row 8: the time step in 't' is 0.15 s where the others are 0.1 s"),
         (change_cell(7, 1, 0.55), r"row 8: the time 0.55 does not come after 0.6"),
-        (change_cell(7, 1, ""), r"row 8"),
+        (change_cell(7, 1, ""), r"pump.csv, row 8: the time is missing"),
+        (change_cell(45, 2, "1e300"), r"row 46, column 'u': the value is 1e\+300, beyond 1e\+100"),
     ],
 )
 def test_bad_cells_are_named(tmp_path, change, message):
@@ -171,6 +215,10 @@ def test_bad_use_is_told_in_one_sentence(tmp_path):
         read_record(path, period=1.0, split="sett")
     with pytest.raises(UsageError, match="no column 'force': it has k, t, u, y, set"):
         read_record(path, period=1.0, inputs=["force"])
+    with pytest.raises(UsageError, match="no column 'U'; did you mean 'u'"):
+        read_record(path, period=1.0, inputs=["U"])
+    with pytest.raises(UsageError, match="column 'u' is given 2 times as input"):
+        read_record(path, period=1.0, inputs=["u", "u"])
     with pytest.raises(UsageError, match="column 'u' is both input and output"):
         read_record(path, period=1.0, outputs=["u"])
     with pytest.raises(UsageError, match="sampling period is not known"):
@@ -195,6 +243,12 @@ def test_bad_use_is_told_in_one_sentence(tmp_path):
         (b"1,2\n3,4\n", "all numbers: columns are chosen by name"),
         (b"u,u,y\n1,2,3\n", "2 columns named 'u'"),
         (b"PK\x03\x04\0\0", "not a text table"),
+        (b"\x90\x02\x07u,y\n", "not a text table"),
+        (gzip.compress(b"u,y\n1,2\n")[:-9], "give a whole, readable file"),
+        (b"u,y\n1,2,3,4\n" * 2, r"bad.csv, row 1: there are more cells than the 2 columns of the header"),
+        (b"u,y\n1,2\n1,000,2\n", r"bad.csv, row 2: there are more cells than the 2 columns of the header"),
+        (b"u,y\n1,2\n1,2,3,4,5\n", r"bad.csv, line 3: there are more cells than the 2 columns"),
+        (b'u,y\n"1,2\n3,4\n', "cannot be read as a table"),
         (b"\x1f\x8bnot gzip", "cannot be read"),
     ],
 )
@@ -215,10 +269,64 @@ def test_records_without_information_are_refused():
         make_record(u, y, 1.0, split=["train"] * 10 + ["test"] * 50)
     with pytest.raises(DataError, match="0 rows are marked for estimation"):
         make_record(u, y, 1.0, split=["test"] * ROWS)
+    with pytest.raises(DataError, match="1 row is marked val, at least 5 are needed"):
+        make_record(u, y, 1.0, split=["train"] * 59 + ["val"])
+    with pytest.raises(DataError, match="output 'y' moves by 4e-300 only"):
+        make_record(u, np.arange(ROWS) % 5 * 1e-300, 1.0)
     with pytest.raises(DataError, match="experiment 'a' comes back at row 41"):
         make_record(u, y, 1.0, experiment=np.repeat(["a", "b", "a"], 20))
     with pytest.raises(DataError, match="u has 60 rows, y has 59"):
         make_record(u, y[1:], 1.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"u": ["a"] * ROWS}, "u is no array of real numbers"),
+        ({"y": 1j * np.ones(ROWS)}, r"y is no array of real numbers \(complex numbers\)"),
+        ({"u": [[1], [2, 3]]}, "u is no array of real numbers"),
+        ({"u": 1.0}, r"u has shape \(\): give"),
+        ({"u": np.zeros((ROWS, 0))}, r"u has shape \(60, 0\): give"),
+        ({"u": np.ma.masked_array(np.arange(ROWS), np.arange(ROWS) == 7)}, "row 8, column 'u': .* missing"),
+        ({"period": "x"}, "the sampling period is 'x'"),
+        ({"period": None}, "the sampling period is None"),
+        ({"split": np.full((ROWS, 1), "train")}, "split has 2 dimensions"),
+        ({"experiment": [1, 2]}, r"experiment has shape \(2,\): give one value for each of 60 rows"),
+        ({"experiment": np.zeros((ROWS, 2))}, "experiment has shape"),
+        ({"split": ["train"] * 40 + ["test"] * 20, "skip": 1.5}, "skip is 1.5: give a whole number"),
+        (
+            {"split": ["train"] * 40 + ["test"] * 20, "skip": {"test": "1"}},
+            "skip is '1': give a whole number",
+        ),
+        ({"inputs": ["a"], "outputs": ["a"]}, "the names a, a are not all different"),
+    ],
+)
+def test_bad_arrays_are_told_and_left_alone(change, message):
+    u, y = signals()
+    arguments = {"u": u, "y": y, "period": 1.0} | change
+    with pytest.raises(DataError, match=message):
+        make_record(**arguments)
+    assert np.array_equal(u, signals()[0])
+    assert np.array_equal(y, signals()[1])
+
+
+def test_a_name_may_stand_alone_and_must_stand_somewhere(tmp_path):
+    path = table(tmp_path)
+    assert read_record(path, inputs="u", outputs="y", period=1.0).inputs == ("u",)
+    with pytest.raises(UsageError, match="no output column is named"):
+        read_record(path, outputs=(), period=1.0)
+    with pytest.raises(UsageError, match=r"decimal is '\.\.': give a single sign"):
+        read_record(path, decimal="..", period=1.0)
+
+
+def test_a_record_survives_the_way_to_a_worker(tmp_path):
+    record = make_record(*signals(), 0.5, units={"u": "V"}, split=["train"] * 40 + ["test"] * 20, skip=3)
+    copy = pickle.loads(pickle.dumps(record))
+    assert copy.sha256 == record.sha256
+    assert (dict(copy.units), dict(copy.skip)) == ({"u": "V"}, {"test": 3})
+    assert not copy.u.flags.writeable
+    with pytest.raises(TypeError):
+        copy.units["u"] = "A"
 
 
 def test_clipping_is_seen_and_ordinary_signals_are_not():

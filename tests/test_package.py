@@ -32,3 +32,19 @@ def test_the_library_never_imports_replications():
         text = file.read_text(encoding="utf-8")
         assert "import replications" not in text, file
         assert "from replications" not in text, file
+
+
+def test_kernels_are_compiled_where_no_folder_can_hold_their_cache(monkeypatch):
+    from numba.core import caching
+
+    from sysid._compile import compiled
+
+    # As for a user who may write neither to the installed package nor to a home.
+    monkeypatch.setattr(caching.FunctionCache._impl_class, "_locator_classes", [])
+
+    @compiled
+    def twice(value):
+        return 2 * value
+
+    assert twice(21) == 42
+    assert twice.signatures

@@ -99,14 +99,28 @@ def test_a_missing_file_says_how_to_make_it(tmp_path):
 # Papers ---------------------------------------------------------------------------------------------
 
 
+PARTS = dict.fromkeys(replication.PAPER_PARTS)
+
+
+def test_the_parts_of_a_paper_are_those_of_its_protocol():
+    assert set(replication.PAPER_PARTS) == {
+        *replication.Paper.__annotations__,
+        *(name for name in vars(replication.Paper) if not name.startswith("_")),
+    }
+
+
 def install(monkeypatch, **papers):
-    entries = [SimpleNamespace(name=name, load=lambda paper=paper: paper) for name, paper in papers.items()]
+    entries = [
+        SimpleNamespace(name=name, value=f"{name}:PAPER", load=lambda paper=paper: paper)
+        for name, paper in papers.items()
+    ]
     monkeypatch.setattr(replication, "entry_points", lambda group: entries if group == "sysid.papers" else [])
 
 
 def test_papers_are_chosen_by_name(monkeypatch):
-    install(monkeypatch, pepona=1, bai=2, giri=3)
-    assert chosen_papers([]) == {"bai": 2, "giri": 3, "pepona": 1}
+    pepona, bai, giri = (SimpleNamespace(**PARTS, number=number) for number in range(3))
+    install(monkeypatch, pepona=pepona, bai=bai, giri=giri)
+    assert chosen_papers([]) == {"bai": bai, "giri": giri, "pepona": pepona}
     assert list(chosen_papers(["giri", "bai", "giri"])) == ["giri", "bai"]
     with pytest.raises(UsageError, match="there is no paper 'smith'; installed are: bai, giri, pepona"):
         chosen_papers(["bai", "smith"])
@@ -114,6 +128,25 @@ def test_papers_are_chosen_by_name(monkeypatch):
     assert chosen_papers([]) == {}
     with pytest.raises(UsageError, match="there is no paper 'bai'; installed are: none"):
         chosen_papers(["bai"])
+
+
+def test_a_paper_that_cannot_be_loaded_is_told_in_one_sentence(monkeypatch):
+    class Broken:
+        name, value = "broken", "gone:PAPER"
+
+        def load(self):
+            raise ModuleNotFoundError("No module\nnamed 'gone'")
+
+    whole = SimpleNamespace(**PARTS)
+    entry = SimpleNamespace(name="whole", value="whole:PAPER", load=lambda: whole)
+    monkeypatch.setattr(replication, "entry_points", lambda group: [Broken(), entry])
+    told = r"'broken' \(gone:PAPER\) cannot be loaded \(ModuleNotFoundError: No module named 'gone'\): repair"
+    with pytest.raises(UsageError, match=told):
+        chosen_papers([])
+    assert chosen_papers(["whole"]) == {"whole": whole}
+    install(monkeypatch, half=SimpleNamespace(id="half"))
+    with pytest.raises(UsageError, match=r"the paper 'half' \(half:PAPER\) has no 'title'"):
+        chosen_papers(["half"])
 
 
 def test_the_library_does_not_import_the_replications():

@@ -10,8 +10,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from sysid import claims
 from sysid.errors import UsageError
 from sysid.gates import Gate, summary
+from sysid.locking import only_writer
 from sysid.montecarlo import Runner
 from sysid.progress import Progress, progress
 from sysid.replication import SCHEMA, Paper, Session, chosen_papers, jsonable, provenance, write_results
@@ -35,7 +37,21 @@ def run(arguments: argparse.Namespace) -> int:
     out: Path = arguments.out
     if out.exists() and not out.is_dir():
         raise UsageError(f"--out {out} is a file: name a folder")
-    out.mkdir(parents=True, exist_ok=True)
+    for paper in papers.values():
+        claims.read(paper.claims_file)  # a fault in it is told now, not after the studies
+    with only_writer(out):
+        gates, places = _replicate_all(arguments, papers, runs)
+    _print_gates(console, gates)
+    for place in places:
+        console.print(f"{place.suffix[1:]}: {place}", soft_wrap=True, highlight=False)
+    return 0 if all(gate.passed for group in gates.values() for gate in group) else 1
+
+
+def _replicate_all(
+    arguments: argparse.Namespace, papers: Mapping[str, Paper], runs: Mapping[str, int]
+) -> tuple[dict[str, list[Gate]], list[Path]]:
+    """Replicate the papers and write results and reports; return the gates and the files written."""
+    out: Path = arguments.out
     gates: dict[str, list[Gate]] = {}
     results: dict[str, object] = {}
     with progress() as bars:
@@ -47,12 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
             "summary": summary(gates),
             "papers": results,
         }
-        places = [write_results(out, written)]
-        places += _report(out, arguments.format, papers, bars)
-    _print_gates(console, gates)
-    for place in places:
-        console.print(f"{place.suffix[1:]}: {place}", soft_wrap=True, highlight=False)
-    return 0 if all(gate.passed for group in gates.values() for gate in group) else 1
+        return gates, [write_results(out, written), *_report(out, arguments.format, papers, bars)]
 
 
 def _replicate(

@@ -6,6 +6,11 @@ from numpy.typing import NDArray
 from sysid.data.record import ESTIMATION_LABELS, MINIMUM_ROWS, TEST_PREFIX, VALIDATION_LABEL, Floats
 from sysid.errors import DataError
 
+# Squares and their sums must neither overflow nor vanish: no unit of measurement needs values beyond these.
+LARGEST_VALUE = 1e100
+SMALLEST_MOVE = 1e-100
+# Fewer validation rows cannot choose a structure.
+MINIMUM_VALIDATION_ROWS = 5
 # A level counts as clipped when the signal rests there in runs, far more often than at the level beside it.
 CLIPPED_RUN = 3
 CLIPPED_SHARE = 0.005
@@ -32,15 +37,28 @@ def check_arrays(
     for values, names, may_be_empty in ((u, inputs, False), (y, outputs, True)):
         for column, name in enumerate(names):
             _check_finite(values[:, column], name, is_test, may_be_empty)
+            _check_size(values[:, column], name)
     estimation = np.isin(labels, ESTIMATION_LABELS)
     if estimation.sum() < MINIMUM_ROWS:
         raise DataError(
             f"{int(estimation.sum())} rows are marked for estimation (train or est), at least {MINIMUM_ROWS} "
             "are needed: mark more rows or take a longer record"
         )
+    validation = int((labels == VALIDATION_LABEL).sum())
+    if 0 < validation < MINIMUM_VALIDATION_ROWS:
+        raise DataError(
+            f"{validation} row{'s are' if validation > 1 else ' is'} marked val, at least "
+            f"{MINIMUM_VALIDATION_ROWS} are needed to choose a structure: mark more rows, or none (the last "
+            "quarter of the estimation rows is then held out)"
+        )
     for values, names, word in ((u, inputs, "input"), (y, outputs, "output")):
         for column, name in enumerate(names):
             used = values[estimation, column]
+            if 0.0 < np.ptp(used) < SMALLEST_MOVE:
+                raise DataError(
+                    f"{word} {name!r} moves by {np.ptp(used):g} only, less than {SMALLEST_MOVE:g}: "
+                    "give it in another unit"
+                )
             if np.ptp(used) == 0.0:
                 raise DataError(
                     f"{word} {name!r} is constant ({used[0]:g}) on all {used.size} estimation rows: "
@@ -80,6 +98,11 @@ def _check_shapes(
             f"u has {u.shape[0]} rows, y has {y.shape[0]} and split has {labels.size}: "
             "they must have the same number of rows"
         )
+    if labels.ndim != 1:
+        raise DataError(f"split has {labels.ndim} dimensions: give one label for each row")
+    names = (*inputs, *outputs)
+    if len(set(names)) < len(names):
+        raise DataError(f"the names {', '.join(names)} are not all different: give each column its own")
     if u.shape[1] != len(inputs) or y.shape[1] != len(outputs):
         raise DataError(
             f"{len(inputs)} input and {len(outputs)} output names are given for {u.shape[1]} input "
@@ -110,6 +133,16 @@ def _check_finite(values: Floats, name: str, is_test: NDArray[np.bool_], may_be_
         excuse = "; only the output of test rows may be empty" if may_be_empty else ""
         raise DataError(
             f"row {row + 1}, column {name!r}{more}: the value is {value}: repair or remove the row{excuse}"
+        )
+
+
+def _check_size(values: Floats, name: str) -> None:
+    wrong = np.abs(values) > LARGEST_VALUE
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise DataError(
+            f"row {row + 1}, column {name!r}: the value is {values[row]:g}, beyond {LARGEST_VALUE:g}: "
+            "repair it or give the column in another unit"
         )
 
 

@@ -1,8 +1,11 @@
 """Read a record from a table in a text file."""
 
+import csv
 import gzip
-import json
-from collections.abc import Mapping, Sequence
+import re
+import warnings
+import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -11,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Floats, Record, make_record
+from sysid.data.notes import known_period, read_notes
+from sysid.data.record import Floats, Record, make_record, names_of
 from sysid.data.times import period_from_times, restarts
 from sysid.errors import DataError, UsageError
 
@@ -22,6 +26,13 @@ SEPARATORS = (";", "\t", ",", "|")
 COMMENT_SIGNS = ("#", "%", "//")
 TIME_COLUMN = "t"
 HEAD_BYTES = 65536
+LISTED_COLUMNS = 20
+# UTF-32 first: its little-endian mark begins with that of UTF-16.
+BYTE_ORDER_MARKS = (
+    ((b"\xff\xfe\0\0", b"\0\0\xfe\xff"), "utf-32"),
+    ((b"\xff\xfe", b"\xfe\xff"), "utf-16"),
+)
+UNPRINTABLE = frozenset(range(32)) - frozenset(b"\t\n\v\f\r\x1a\x1b")
 
 
 @dataclass(frozen=True)
@@ -93,15 +104,53 @@ def read_record(
     >>> folder.cleanup()
     """
     path = Path(path)
+    inputs, outputs = names_of(inputs), names_of(outputs)
+    for what, names in (("input", inputs), ("output", outputs)):
+        if not names:
+            raise UsageError(f"no {what} column is named: name at least one")
+    for what, sign in (("separator", separator), ("decimal", decimal)):
+        if sign is not None and len(sign) != 1:
+            raise UsageError(f"{what} is {sign!r}: give a single sign, or leave it out to have it detected")
+    try:
+        return _read(path, inputs, outputs, period, time, split, experiment, skip, separator, decimal)
+    except DataError as problem:
+        # What is found in the numbers does not know the file they came from.
+        text = str(problem)
+        place = "" if path.name in text else f"{path.name}, " if text.startswith("row") else f"{path.name}: "
+        raise DataError(place + text) from None
+
+
+def _read(
+    path: Path,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    period: float | None,
+    time: str | None,
+    split: str | None,
+    experiment: str | None,
+    skip: int | None,
+    separator: str | None,
+    decimal: str | None,
+) -> Record:
     dialect = _detect(path, separator, decimal)
     wanted = [*inputs, *outputs, *(name for name in (time, split, experiment) if name is not None)]
     _check_columns(path, dialect.columns, wanted, inputs, outputs)
     clock = time if time is not None else _restart_column(dialect.columns, wanted)
     texts = [name for name in (split, experiment) if name is not None]
     table = _read_table(path, dialect, [*wanted, *([clock] if clock is not None else [])], texts)
-    notes = _read_notes(path)
+    notes = read_notes(path)
     labels = None if split is None else _text(table, split)
-    times = None if clock is None else _numbers(table, clock, path)
+    remarks = list(notes.warnings)
+    try:
+        times = None if clock is None else _numbers(table, clock, path)
+    except DataError:
+        if time is not None:
+            raise
+        times = None
+        remarks.append(
+            f"Column {clock!r} does not hold numbers: restarts of the time are not looked for, experiments "
+            "are told apart by the experiment column only."
+        )
     known = None if experiment is None else _text(table, experiment)
     groups = _experiments(known, times, strict=time is not None)
     if time is not None and times is not None:
@@ -109,14 +158,15 @@ def read_record(
     return make_record(
         np.column_stack([_numbers(table, name, path) for name in inputs]),
         np.column_stack([_numbers(table, name, path) for name in outputs]),
-        _known_period(period, notes),
+        known_period(period, notes),
         name=path.name.removesuffix(".gz").rsplit(".", 1)[0],
         inputs=tuple(inputs),
         outputs=tuple(outputs),
-        units=_units(notes),
+        units=notes.units,
         split=labels,
         experiment=groups,
-        skip=_skips(notes, labels) if skip is None else skip,
+        skip=notes.skips(labels) if skip is None else skip,
+        warnings=remarks,
         source=path,
     )
 
@@ -132,8 +182,9 @@ def _open(path: Path) -> bytes:
             return stream.read(HEAD_BYTES)
     except FileNotFoundError:
         raise DataError(f"there is no file {path}: check the name and the folder") from None
-    except (OSError, EOFError) as problem:
-        raise DataError(f"{path} cannot be read: {problem}") from None
+    except (OSError, EOFError, ValueError, zlib.error) as problem:
+        reason = getattr(problem, "strerror", None) or problem
+        raise DataError(f"{path} cannot be read ({reason}): give a whole, readable file") from None
 
 
 def _detect(path: Path, separator: str | None, decimal: str | None) -> Dialect:
@@ -153,7 +204,7 @@ def _detect(path: Path, separator: str | None, decimal: str | None) -> Dialect:
         separator = max(SEPARATORS, key=header.count)
         if header.count(separator) == 0:
             separator = r"\s+"
-    columns = tuple(name.strip().strip('"') for name in _cells(header, separator))
+    columns = tuple(name.strip() for name in _header_cells(header, separator))
     if all(_is_number(name) for name in columns):
         raise DataError(
             f"{path}: the first row is {header.strip()[:60]!r}, all numbers: columns are chosen by name, "
@@ -165,9 +216,10 @@ def _detect(path: Path, separator: str | None, decimal: str | None) -> Dialect:
 
 
 def _encoding(head: bytes, path: Path) -> str:
-    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return "utf-16"
-    if b"\0" in head:
+    for marks, encoding in BYTE_ORDER_MARKS:
+        if head.startswith(marks):
+            return encoding
+    if not UNPRINTABLE.isdisjoint(head):
         raise DataError(f"{path} is not a text table: export it as CSV")
     try:
         # Four bytes less, so that a character cut by the end of the head does not count.
@@ -175,6 +227,13 @@ def _encoding(head: bytes, path: Path) -> str:
     except UnicodeDecodeError:
         return "cp1252"
     return "utf-8-sig"
+
+
+def _header_cells(header: str, separator: str) -> list[str]:
+    """Cut the header, in which a quoted name may hold the separator."""
+    if separator == r"\s+":
+        return [name.strip('"') for name in header.split()]
+    return next(csv.reader([header], delimiter=separator, skipinitialspace=True))
 
 
 def _cells(line: str, separator: str) -> list[str]:
@@ -208,14 +267,26 @@ def _check_columns(
 ) -> None:
     for name in wanted:
         if name not in columns:
-            near = get_close_matches(name, columns, n=1, cutoff=0.5)
-            guess = f"; did you mean {near[0]!r}?" if near else ":"
-            raise UsageError(f"{path.name} has no column {name!r}{guess} it has {', '.join(columns)}")
+            near = _nearest(name, columns)
+            guess = f"; did you mean {near!r}?" if near else ":"
+            more = len(columns) - LISTED_COLUMNS
+            listed = ", ".join(columns[:LISTED_COLUMNS]) + (f" and {more} more" if more > 0 else "")
+            raise UsageError(f"{path.name} has no column {name!r}{guess} it has {listed}")
         if columns.count(name) > 1:
             raise DataError(f"{path.name} has {columns.count(name)} columns named {name!r}: rename one")
     both = set(inputs) & set(outputs)
     if both:
         raise UsageError(f"column {both.pop()!r} is both input and output: choose one of the two")
+    for name in inputs:
+        if (times := list(inputs).count(name)) > 1:
+            raise UsageError(f"column {name!r} is given {times} times as input: give it once")
+
+
+def _nearest(name: str, columns: Sequence[str]) -> str | None:
+    """Return the column that was perhaps meant; upper and lower case count as equal."""
+    folded = {column.casefold(): column for column in reversed(columns)}
+    near = get_close_matches(name.casefold(), list(folded), n=1, cutoff=0.5)
+    return folded[near[0]] if near else None
 
 
 def _restart_column(columns: Sequence[str], wanted: Sequence[str]) -> str | None:
@@ -227,6 +298,8 @@ def _read_table(path: Path, dialect: Dialect, wanted: Sequence[str], texts: Sequ
     import pandas as pd
 
     names = list(dict.fromkeys(wanted))
+    places = {dialect.columns.index(name): name for name in names}
+    beyond = len(dialect.columns)  # one cell after the last column, to see rows that are too long
     with path.open("rb") as raw:
         compression = "gzip" if raw.read(2) == b"\x1f\x8b" else None
     options: dict[str, Any] = {
@@ -235,11 +308,10 @@ def _read_table(path: Path, dialect: Dialect, wanted: Sequence[str], texts: Sequ
         "encoding": dialect.encoding,
         "skiprows": dialect.lines_before_header + 1,
         "header": None,
-        "names": list(dialect.columns),
-        "usecols": names,
-        "dtype": dict.fromkeys(texts, "str"),
+        "names": range(beyond + 1),  # places: names of columns that are not read may be double
+        "dtype": {**{place: "str" for place, name in places.items() if name in texts}, beyond: "str"},
         "keep_default_na": False,
-        "na_values": {name: [""] for name in names if name not in texts},
+        "na_values": {place: [""] for place, name in places.items() if name not in texts},
         "skipinitialspace": True,
         "comment": dialect.comment,
         "index_col": False,
@@ -247,12 +319,33 @@ def _read_table(path: Path, dialect: Dialect, wanted: Sequence[str], texts: Sequ
         "low_memory": False,
     }
     try:
-        table: pd.DataFrame = pd.read_csv(path, **options)
-    except (pd.errors.ParserError, UnicodeError, EOFError, OSError) as problem:
-        raise DataError(f"{path} cannot be read as a table: {problem}".replace("\n", " ").strip()) from None
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # cells of long rows would be lost
+            table: pd.DataFrame = pd.read_csv(path, **options)
+    except pd.errors.ParserWarning:
+        raise _too_long(path, "row 1", dialect) from None
+    except (pd.errors.ParserError, UnicodeError, EOFError, OSError, zlib.error) as problem:
+        if place := re.search(r"Expected \d+ fields in (line \d+), saw", str(problem)):
+            raise _too_long(path, place[1], dialect) from None
+        reason = " ".join(str(problem).split())
+        raise DataError(
+            f"{path} cannot be read as a table ({reason}): repair the file or export it again"
+        ) from None
     if len(table) == 0:
         raise DataError(f"{path} has a header and no rows: it needs rows of numbers")
-    return table
+    longer = (table[beyond].fillna("").str.strip() != "").to_numpy(dtype=bool)
+    if longer.any():
+        raise _too_long(path, f"row {int(np.argmax(longer)) + 1}", dialect)
+    return table.rename(columns=places)
+
+
+def _too_long(path: Path, place: str, dialect: Dialect) -> DataError:
+    """Return the error for a row whose values would stand in wrong columns."""
+    return DataError(
+        f"{path.name}, {place}: there are more cells than the {len(dialect.columns)} columns of the header: "
+        f"quote cells that hold {dialect.separator!r}, such as numbers with a decimal comma or thousands "
+        "separators, or give every column a name"
+    )
 
 
 def _numbers(table: "pd.DataFrame", name: str, path: Path) -> Floats:
@@ -294,45 +387,3 @@ def _experiments(
         rows = known == name
         part[rows] = np.cumsum(new[rows])
     return np.where(part > 0, np.char.add(np.char.add(known, " part "), (part + 1).astype(str)), known)
-
-
-def _read_notes(path: Path) -> Mapping[str, Any]:
-    """Return the JSON beside the table, or nothing."""
-    beside = path.with_name(path.name.removesuffix(".gz").rsplit(".", 1)[0] + ".json")
-    try:
-        notes = json.loads(beside.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return notes if isinstance(notes, dict) else {}
-
-
-def _units(notes: Mapping[str, Any]) -> dict[str, str]:
-    """Return the unit of each column: the first word of its description."""
-    units = notes.get("units")
-    if not isinstance(units, dict):
-        return {}
-    return {str(name): str(text).split(" (")[0].strip() for name, text in units.items()}
-
-
-def _skips(notes: Mapping[str, Any], labels: NDArray[np.str_] | None) -> dict[str, int]:
-    """Return the rows to skip of each set that the table has."""
-    splits = notes.get("splits")
-    if not isinstance(splits, dict) or labels is None:
-        return {}
-    present = set(np.unique(np.char.strip(labels)).tolist())
-    return {
-        str(name): window["skip"]
-        for name, window in splits.items()
-        if name in present and isinstance(window, dict) and isinstance(window.get("skip"), int)
-    }
-
-
-def _known_period(period: float | None, notes: Mapping[str, Any]) -> float:
-    if period is not None:
-        return period
-    if isinstance(notes.get("Ts"), int | float):
-        return float(notes["Ts"])
-    raise UsageError(
-        "the sampling period is not known: give it in seconds (--period 0.01) or name the "
-        "time column (--time t)"
-    )

@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from operator import index
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -136,6 +137,18 @@ class Record:
         digest.update(self.held_out.tobytes())
         return digest.hexdigest()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is sent to a worker process; a mapping proxy cannot be."""
+        return {**self.__dict__, "units": dict(self.units), "skip": dict(self.skip)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Make the record read-only again."""
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+        views = {name: MappingProxyType(state[name]) for name in ("units", "skip")}
+        self.__dict__.update({**state, **views})
+
     def __repr__(self) -> str:
         tests = ", ".join(self.test_sets) or "none"
         return (
@@ -202,23 +215,25 @@ def make_record(
     """
     from sysid.data.checks import check_arrays, find_warnings
 
-    u_array, y_array = _columns(u), _columns(y)
-    input_names = tuple(inputs) or _default_names("u", u_array.shape[1])
-    output_names = tuple(outputs) or _default_names("y", y_array.shape[1])
+    u_array, y_array = _columns(u, "u"), _columns(y, "y")
+    input_names = names_of(inputs) or _default_names("u", u_array.shape[1])
+    output_names = names_of(outputs) or _default_names("y", y_array.shape[1])
     n_samples = u_array.shape[0]
     labels = np.full(n_samples, "train") if split is None else np.char.strip(np.asarray(split, dtype=str))
+    period = _seconds(period)
     check_arrays(u_array, y_array, period, input_names, output_names, labels)
     starts, names = _experiments(experiment, n_samples)
     held_out = _held_out(labels, starts)
     test_sets = {label for label in np.unique(labels).tolist() if label.startswith(TEST_PREFIX)}
-    skips = dict.fromkeys(sorted(test_sets), skip) if isinstance(skip, int) else dict(skip)
+    skips = dict(skip) if isinstance(skip, Mapping) else dict.fromkeys(sorted(test_sets), skip)
+    skips = {name: _row_count(rows) for name, rows in skips.items()}
     _check_skips(skips, labels)
     found = find_warnings(u_array, y_array, input_names, output_names, labels, starts)
     return Record(
         name=name,
         u=_frozen(u_array),
         y=_frozen(y_array),
-        period=float(period),
+        period=period,
         inputs=input_names,
         outputs=output_names,
         units=MappingProxyType(dict(units or {})),
@@ -232,9 +247,23 @@ def make_record(
     )
 
 
-def _columns(values: ArrayLike) -> Floats:
-    """Return a copy of shape (n_samples, n_channels)."""
-    array = np.array(values, dtype=np.float64)
+def names_of(names: Sequence[str]) -> tuple[str, ...]:
+    """Return column names as a tuple; a single name may stand alone."""
+    return (names,) if isinstance(names, str) else tuple(names)
+
+
+def _columns(values: ArrayLike, name: str) -> Floats:
+    """Return a copy of shape (n_samples, n_channels); masked values are missing ones."""
+    try:
+        if np.iscomplexobj(values):
+            raise TypeError("complex numbers")
+        array = np.array(values, dtype=np.float64)
+        if isinstance(values, np.ma.MaskedArray):
+            array[np.ma.getmaskarray(values)] = np.nan
+    except (TypeError, ValueError) as error:
+        raise DataError(f"{name} is no array of real numbers ({error}): give one number a sample") from None
+    if array.ndim == 0 or 0 in array.shape[1:]:
+        raise DataError(f"{name} has shape {array.shape}: give (n_samples,) or (n_samples, n_channels)")
     return array[:, np.newaxis] if array.ndim == 1 else array
 
 
@@ -247,6 +276,8 @@ def _experiments(experiment: ArrayLike | None, n_samples: int) -> tuple[tuple[in
     if experiment is None:
         return (0,), ("1",)
     labels = np.asarray(experiment).astype(str)
+    if labels.shape != (n_samples,):
+        raise DataError(f"experiment has shape {labels.shape}: give one value for each of {n_samples} rows")
     starts = np.concatenate([[0], np.flatnonzero(labels[1:] != labels[:-1]) + 1])
     names = [str(labels[start]) for start in starts]
     seen: set[str] = set()
@@ -258,6 +289,20 @@ def _experiments(experiment: ArrayLike | None, n_samples: int) -> tuple[tuple[in
             )
         seen.add(name)
     return tuple(starts.tolist()), tuple(names)
+
+
+def _seconds(period: float) -> float:
+    try:
+        return float(period)
+    except (TypeError, ValueError):
+        raise DataError(f"the sampling period is {period!r}: give a positive number of seconds") from None
+
+
+def _row_count(rows: int) -> int:
+    try:
+        return index(rows)
+    except TypeError:
+        raise DataError(f"skip is {rows!r}: give a whole number of rows") from None
 
 
 def _held_out(labels: NDArray[np.str_], starts: tuple[int, ...]) -> Mask:

@@ -34,8 +34,10 @@ def restarts(times: Floats, known: NDArray[np.str_] | None, *, strict: bool) -> 
     typical = float(np.median(np.abs(np.diff(times)))) if times.size > 1 else 0.0
     restart = back & (np.abs(times - times[0]) <= 0.5 * typical)
     restart[1:] &= np.diff(times) < 0.0
-    if strict and (wrong := back & ~restart).any():
+    if strict and (wrong := (back & ~restart) | ~np.isfinite(times)).any():
         row = int(np.argmax(wrong))
+        if not np.isfinite(times[row]):
+            raise DataError(f"row {row + 1}: the time is missing: repair or remove the row")
         raise DataError(
             f"row {row + 1}: the time {times[row]:g} does not come after {times[row - 1]:g}: times must "
             f"increase, or restart at {times[0]:g} for a new experiment; sort the rows or repair the time"

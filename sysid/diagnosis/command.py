@@ -1,6 +1,7 @@
 """The command `sysid compare`."""
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -27,7 +28,7 @@ def add_data_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         help="input column; again for each further one (default: u)",
     )
-    group.add_argument("--output", metavar="NAME", default="y", help="output column (default: y)")
+    group.add_argument("--output", metavar="NAME", action="append", help="output column (default: y)")
     group.add_argument("--period", metavar="SECONDS", type=float, help="sampling period")
     group.add_argument("--time", metavar="NAME", help="time column [s], instead of a period")
     group.add_argument(
@@ -67,10 +68,13 @@ def read_data(arguments: argparse.Namespace) -> "Record":
 
     if arguments.skip is not None and arguments.skip < 0:
         raise UsageError(f"--skip is {arguments.skip}: give 0 or more rows")
+    outputs = tuple(arguments.output or ("y",))
+    if len(outputs) > 1:
+        raise UsageError(f"--output is given {len(outputs)} times ({', '.join(outputs)}): take one at a time")
     return read_record(
         arguments.data,
         inputs=tuple(arguments.input or ("u",)),
-        outputs=(arguments.output,),
+        outputs=outputs,
         period=arguments.period,
         time=arguments.time,
         split=arguments.split_column,
@@ -89,7 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.model not in MODELS:
         raise UsageError(f"--model {arguments.model!r} is not known: choose one of {', '.join(MODELS)}")
     page = arguments.html or DEFAULT_FOLDER / f"{_stem(arguments.data)}.compare.html"
-    _check_results((page, arguments.json), arguments.data)
+    check_results([path for path in (page, arguments.json) if path is not None], arguments.data)
     record = read_data(arguments)
     # All products are of one long row: a second thread would only wait, and take the time of others.
     with threadpool_limits(1), progress() as bars:
@@ -134,20 +138,47 @@ def write_text(path: Path, text: str) -> None:
     """Write a result, with its folder if need be."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
+        path.write_text(text, encoding="utf-8", errors="backslashreplace")  # a name may be no Unicode
     except OSError as problem:
-        raise UsageError(f"{path} cannot be written ({problem.strerror}): choose another place") from None
+        raise _unwritable(path, problem.strerror) from None
 
 
-def _check_results(results: Sequence[Path | None], data: Path) -> None:
-    """Refuse to write a result over the measurements or into a folder's name."""
-    for path in results:
-        if path is None:
-            continue
-        if path.resolve() == data.resolve():
-            raise UsageError(f"{path} is the measurement file: write the result to another place")
-        if path.is_dir():
-            raise UsageError(f"{path} is a folder: give the name of a file in it")
+def check_results(results: Sequence[Path], data: Path) -> None:
+    """Refuse to write over the measurements, their notes or another result, or where nothing can be."""
+    for index, path in enumerate(results):
+        try:
+            if path.resolve() == data.resolve():
+                raise UsageError(f"{path} is the measurement file: write the result to another place")
+            if path.is_dir():
+                raise UsageError(f"{path} is a folder: give the name of a file in it")
+            if _is_notes(path, data):
+                raise UsageError(f"{path} holds notes on the measurements: write the result to another place")
+            if path.resolve() in [other.resolve() for other in results[:index]]:
+                raise UsageError(f"{path} is named for two results: give each a file of its own")
+            folder = next(place for place in path.absolute().parents if place.exists())
+        except OSError as problem:
+            raise _unwritable(path, problem.strerror) from None
+        if not (folder.is_dir() and os.access(folder, os.W_OK)):
+            raise _unwritable(path, f"{folder} is {'a file' if folder.is_file() else 'not to be written in'}")
+
+
+def _unwritable(path: Path, reason: str | None) -> UsageError:
+    return UsageError(f"{path} cannot be written ({reason}): choose another place")
+
+
+def _is_notes(path: Path, data: Path) -> bool:
+    """Tell whether a file stands where notes are read and is not an earlier result."""
+    import json
+
+    from sysid.data.notes import notes_path
+
+    if path.resolve() != notes_path(data).resolve() or not path.exists():
+        return False
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError):
+        return True
+    return not (isinstance(content, dict) and {"schema", "model", "scores"} <= content.keys())
 
 
 def _stem(data: Path) -> str:
@@ -156,6 +187,7 @@ def _stem(data: Path) -> str:
 
 def _print(comparison: "Comparison", page: Path, numbers: Path | None) -> None:
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     from sysid.diagnosis.wording import percent, quantity, significant
@@ -172,13 +204,13 @@ def _print(comparison: "Comparison", page: Path, numbers: Path | None) -> None:
     for entry in comparison.scores:
         free, (low, high) = entry.free_run, entry.interval
         table.add_row(
-            entry.name,
+            escape(entry.name),
             str(entry.n_rows),
-            quantity(free.rmse, entry.unit),
+            escape(quantity(free.rmse, entry.unit)),
             significant(free.nrmse),
             f"{significant(low)} to {significant(high)}",
             percent(free.fit / 100.0),
-            quantity(entry.one_step.rmse, entry.unit),
+            escape(quantity(entry.one_step.rmse, entry.unit)),
         )
     console.print()
     console.print(table)

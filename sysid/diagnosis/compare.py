@@ -1,5 +1,6 @@
 """Compare a model with a measured record on held-out rows."""
 
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -7,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.data import Record
-from sysid.data.record import Mask
+from sysid.data.record import ESTIMATION_LABELS, Mask
 from sysid.diagnosis.residuals import CorrelationTest, Window, input_independence, whiteness, worst_windows
 from sysid.diagnosis.scores import SetScore, finite, nrmse_interval, score
 from sysid.diagnosis.summary import data_json, model_json, sentences
@@ -154,7 +155,7 @@ def compare(
     Raises
     ------
     UsageError
-        If the model is not known.
+        If the model is not known or an argument is of the wrong kind.
     DataError, IdentifiabilityError
         If the record cannot be fitted.
 
@@ -175,6 +176,13 @@ def compare(
     """
     if model not in MODELS:
         raise UsageError(f"model {model!r} is not known: choose one of {', '.join(MODELS)}")
+    if not isinstance(record, Record):
+        raise UsageError(
+            f"record is of type {type(record).__name__}: make one with sysid.data.make_record(u, y, period)"
+        )
+    order, delay = _whole("order", order), _whole("delay", delay)
+    if constant is not None and not isinstance(constant, bool | np.bool_):
+        raise UsageError(f"constant is {constant!r}: give True, False or None (chosen from the data)")
     choice = choose_output_error(
         record, order=order, delay=delay, constant=constant, initial_state=initial_state, progress=progress
     )
@@ -190,6 +198,15 @@ def compare(
     return Comparison(record, choice, prediction, scores, judged, tests, where, _warnings(record, choice))
 
 
+def _whole(name: str, value: int | None) -> int | None:
+    if value is None:
+        return None
+    try:
+        return operator.index(value)
+    except TypeError:
+        raise UsageError(f"{name} is {value!r}: give a whole number, or None to have it chosen") from None
+
+
 def _judged_rows(record: Record) -> tuple[str, Mask]:
     for name in record.test_sets:
         rows = record.scored_rows(name)
@@ -200,7 +217,7 @@ def _judged_rows(record: Record) -> tuple[str, Mask]:
 
 def _all_scores(record: Record, choice: Choice, prediction: Prediction) -> tuple[SetScore, ...]:
     label = record.estimation_label
-    learned = record.split == label
+    learned = np.isin(record.split, ESTIMATION_LABELS)
     both = "estimation and validation rows"
     scores = [_set_score(record, label, learned, prediction, 0, both)]
     if record.validation.any():
@@ -285,6 +302,7 @@ def _warnings(record: Record, choice: Choice) -> tuple[str, ...]:
             "The record has no test rows: the validation rows, on which the structure was chosen, are judged."
         )
     for name in record.test_sets:
-        if record.scored_rows(name).sum() <= 1:
-            found.append(f"The test set {name!r} has no measured output: it is predicted and not scored.")
+        if (rows := int(record.scored_rows(name).sum())) <= 1:
+            measured = "no measured output" if rows == 0 else "one row with a measured output after the skip"
+            found.append(f"The test set {name!r} has {measured}: it is predicted and not scored.")
     return tuple(found)

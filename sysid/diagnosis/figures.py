@@ -1,12 +1,14 @@
 """Figures of the comparison page."""
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.diagnosis.wording import ordinal, percent, quantity, significant
+from sysid.diagnosis.summary import FEWEST_TESTED_ROWS, error_size
+from sysid.diagnosis.wording import ordinal, quantity, significant
 from sysid.reporting.style import COLOURS, GREY, LINE_STYLES, MARKERS, series, style, subplots, svg
 
 if TYPE_CHECKING:
@@ -43,9 +45,9 @@ def pictures(comparison: "Comparison") -> list[Picture]:
     drawn = [
         _picture(comparison, overview, 4.3),
         _picture(comparison, worst_stretch, 4.6),
-        _picture(comparison, spectrum, 3.1),
-        _picture(comparison, correlations, 3.1),
     ]
+    if comparison.score_of(comparison.judged).n_rows >= FEWEST_TESTED_ROWS:
+        drawn += [_picture(comparison, draw, 3.1) for draw in (spectrum, correlations)]
     if len({c.order for c in comparison.choice.candidates}) > 1:
         drawn.append(_picture(comparison, orders, 3.0))
     return drawn
@@ -55,7 +57,8 @@ Drawer = Callable[["Comparison", float, float], tuple[Any, str, str]]
 
 
 def _picture(comparison: "Comparison", draw: Drawer, height: float) -> Picture:
-    with style():
+    with style(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")  # a name in a rare script
         wide, title, reading = draw(comparison, WIDE, height)
         narrow, _, _ = draw(comparison, NARROW, height)
         return Picture(title, reading, svg(wide), svg(narrow))
@@ -115,14 +118,11 @@ def overview(comparison: "Comparison", width: float, height: float) -> tuple[Any
     _draw(bottom, envelope(t, y - model), 4, "error", filled=True)
     bottom.axhline(0.0, color=GREY, linewidth=0.6)
     _mark_skip(comparison, rows, (top, bottom), t)
-    bottom.set_ylabel(f"error [{record.unit(output) or '–'}]")
+    bottom.set_ylabel(f"error [{_plain(record.unit(output)) or '–'}]")
     bottom.set_xlabel("time [s]")
     figure.align_ylabels()
     judged = comparison.score_of(comparison.judged)
-    reading = (
-        f"The free run misses the measurement by {quantity(judged.free_run.rmse, judged.unit)} RMSE, "
-        f"{percent(judged.free_run.nrmse)} of the signal, on {judged.n_rows} samples"
-    )
+    reading = f"The free run misses the measurement by {error_size(judged)}, on {judged.n_rows} samples"
     largest = float(np.nanmax(np.abs(y - model)))
     return (
         figure,
@@ -142,7 +142,7 @@ def worst_stretch(comparison: "Comparison", width: float, height: float) -> tupl
     top.set_ylabel(_label(record, output))
     _legend(top)
     for index, name in enumerate(record.inputs):
-        bottom.step(t, record.u[rows, index], where="post", **_input_look(index), label=name)
+        bottom.step(t, record.u[rows, index], where="post", **_input_look(index), label=_plain(name))
     bottom.set_ylabel(_label(record, record.inputs[0]) if len(record.inputs) == 1 else "inputs")
     bottom.set_xlabel("time [s]")
     figure.align_ylabels()
@@ -167,10 +167,11 @@ def spectrum(comparison: "Comparison", width: float, height: float) -> tuple[Any
     _, error_power = power_density(error, record.period, length)
     figure, axes = subplots(width=width, height=height)
     unit = record.unit(record.outputs[0])
-    axes.loglog(frequency[1:], np.sqrt(power[1:]), **_look(0), label=MEASURED)
-    axes.loglog(frequency[1:], np.sqrt(error_power[1:]), **_look(1), label="error")
+    for index, (density, name) in enumerate(((power, MEASURED), (error_power, "error"))):
+        if density[1:].max() > 0.0:  # nothing of a constant can be drawn on a logarithmic scale
+            axes.loglog(frequency[1:], np.sqrt(density[1:]), **_look(index), label=name)
     axes.set_xlabel("frequency [Hz]")
-    axes.set_ylabel(f"amplitude density [{unit or '1'}/√Hz]")
+    axes.set_ylabel(f"amplitude density [{_plain(unit) or '1'}/√Hz]")
     _legend(axes)
     share = np.cumsum(error_power[1:]) / max(float(error_power[1:].sum()), 1e-300)
     middle = float(frequency[1:][min(int(np.searchsorted(share, 0.9)), share.size - 1)])
@@ -281,7 +282,7 @@ def orders(comparison: "Comparison", width: float, height: float) -> tuple[Any, 
     axes.set_yscale("log")
     axes.set_xlabel("order of the model")
     axes.set_xticks(sorted({c.order for c in tried}))
-    axes.set_ylabel(f"validation error [{record.unit(record.outputs[0]) or '–'}]")
+    axes.set_ylabel(f"validation error [{_plain(record.unit(record.outputs[0])) or '–'}]")
     _legend(axes)
     best = min(c.validation_rms for c in choice.candidates)
     unit = record.unit(record.outputs[0])
@@ -312,7 +313,12 @@ def _legend(axes: Any) -> None:
 
 
 def _label(record: Any, name: str) -> str:
-    return f"{name} [{record.unit(name) or '–'}]"
+    return f"{_plain(name)} [{_plain(record.unit(name)) or '–'}]"
+
+
+def _plain(name: str) -> str:
+    """Keep a dollar sign in a name from starting mathematics."""
+    return name.replace("$", r"\$")
 
 
 def _scored(comparison: "Comparison") -> "np.ndarray[tuple[int], np.dtype[np.int64]]":

@@ -107,10 +107,11 @@ def score(y: Floats, predicted: Floats) -> Score:
     (0.1, 0.1, 90.0, 99.0)
     """
     error = y - predicted
-    spread = float(np.linalg.norm(y - y.mean()))
-    nrmse = float(np.linalg.norm(error)) / spread if spread > 0.0 else float("nan")
-    variance = float(np.var(y))
-    vaf = 100.0 * (1.0 - float(np.var(error)) / variance) if variance > 0.0 else float("nan")
+    if np.ptp(y) == 0.0:  # the mean of equal values may differ from them by rounding
+        nrmse = vaf = float("nan")
+    else:
+        nrmse = float(np.linalg.norm(error) / np.linalg.norm(y - y.mean()))
+        vaf = 100.0 * (1.0 - float(np.var(error) / np.var(y)))
     return Score(float(np.sqrt(np.mean(error**2))), nrmse, 100.0 * (1.0 - nrmse), vaf)
 
 
@@ -128,6 +129,8 @@ def nrmse_interval(y: Floats, predicted: Floats, seed: int = 0) -> tuple[float, 
     y, predicted : ndarray, shape (n_rows,)
     seed : int
     """
+    if np.ptp(y) == 0.0:
+        return float("nan"), float("nan")
     squared = (y - predicted) ** 2
     length = block_length(squared)
     n_blocks = -(-y.size // length)

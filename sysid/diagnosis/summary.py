@@ -6,11 +6,14 @@ import numpy as np
 
 from sysid.data import Record
 from sysid.diagnosis.residuals import CorrelationTest
-from sysid.diagnosis.scores import finite
+from sysid.diagnosis.scores import Score, SetScore, finite
 from sysid.diagnosis.wording import ordinal, percent, quantity
 
 if TYPE_CHECKING:
     from sysid.diagnosis.compare import Comparison
+
+# Correlations of fewer rows lie within their bands whatever the residual is.
+FEWEST_TESTED_ROWS = 20
 
 
 def sentences(comparison: "Comparison") -> list[str]:
@@ -18,7 +21,6 @@ def sentences(comparison: "Comparison") -> list[str]:
     fit, judged = comparison.choice.fit, comparison.score_of(comparison.judged)
     output = comparison.record.outputs[0]
     free = judged.free_run
-    explained = max(1.0 - free.nrmse**2, 0.0)
     window = f"{judged.n_rows} samples" + (f", skip {judged.skip}" if judged.skip else "")
     dead_time = fit.delay * fit.period
     acts = (
@@ -27,15 +29,33 @@ def sentences(comparison: "Comparison") -> list[str]:
         else f"the input acts after {fit.delay} sample{'s' * (fit.delay > 1)} ({quantity(dead_time, 's')})"
     )
     found = [
-        f"A {ordinal(fit.order)}-order linear model explains {percent(explained)} of the variance of "
-        f"{output!r} on {comparison.judged}; its free-run error is {quantity(free.rmse, judged.unit)} RMSE, "
-        f"{percent(free.nrmse)} of the signal ({window}).",
+        f"A {ordinal(fit.order)}-order linear model {_explains(free, output, comparison.judged)}; "
+        f"its free-run error is {error_size(judged)} ({window}).",
         f"In the model {acts}, {'with' if fit.structure.constant else 'without'} a constant.",
         comparison.choice.reason,
     ]
-    found += [_test_sentence(name, test, comparison.judged) for name, test in comparison.tests.items()]
+    if judged.n_rows < FEWEST_TESTED_ROWS:
+        found.append(
+            f"The {judged.n_rows} samples of {comparison.judged} are too few to tell whether the residual is "
+            "white or follows the input."
+        )
+    else:
+        found += [_test_sentence(name, test, comparison.judged) for name, test in comparison.tests.items()]
     found += [finding.sentence for finding in comparison.where]
     return found
+
+
+def _explains(free: Score, output: str, judged: str) -> str:
+    if not np.isfinite(free.nrmse):
+        return f"is judged on {judged}, where {output!r} is constant and has no variance to explain"
+    return f"explains {percent(max(1.0 - free.nrmse**2, 0.0))} of the variance of {output!r} on {judged}"
+
+
+def error_size(judged: SetScore) -> str:
+    """Return the free-run error in the unit of the output and, unless that is constant, as a share of it."""
+    free = judged.free_run
+    share = f", {percent(free.nrmse)} of the signal" if np.isfinite(free.nrmse) else ""
+    return f"{quantity(free.rmse, judged.unit)} RMSE{share}"
 
 
 def _test_sentence(name: str, test: CorrelationTest, judged: str) -> str:

@@ -50,6 +50,8 @@ def percent(share: float) -> str:
     ('93 %', '0.42 %', '99.98 %', '100 %')
     """
     value = 100.0 * share
+    if not isfinite(value):
+        return "not defined"
     if abs(value) < 99.0 or value >= 100.0:
         return f"{significant(value, 2 if abs(value) < 99.0 else 3)} %"
     return f"{min(value, 99.99):.2f} %"

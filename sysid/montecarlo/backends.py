@@ -2,6 +2,7 @@
 
 import logging
 import os
+import re
 import weakref
 from collections.abc import Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
@@ -17,6 +18,7 @@ from sysid.montecarlo.runs import Chunk, Span, Task, compute
 from sysid.montecarlo.workers import compute_in_process, compute_pinned
 
 CONNECT_SECONDS = 5.0
+_ADDRESS = re.compile(r"((tcp|tls|ws|wss|ucx)://)?([^\s/:\[\]]+|\[[0-9A-Fa-f:.]+\]):\d{1,5}")
 
 
 def compute_here(task: Task, case: str, seed: int, spans: Iterable[Span]) -> Iterator[Chunk]:
@@ -123,6 +125,11 @@ def _connect(scheduler: str | None, jobs: int) -> Any:
             silence_logs=logging.CRITICAL,
         )
         return distributed.Client(cluster, set_as_default=False)
+    if not _ADDRESS.fullmatch(scheduler):
+        # Dask itself would complain again, in a traceback, when its half-made client is thrown away.
+        raise UsageError(
+            f"{scheduler!r} is no address of a Dask scheduler: give tcp://HOST:PORT, as tcp://127.0.0.1:8786"
+        )
     try:
         client = distributed.Client(scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
