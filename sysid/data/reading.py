@@ -1,4 +1,4 @@
-"""Read a record from a table in a text file."""
+"""Read a record from a table in a file."""
 
 import gzip
 import json
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.formats import stored_table
 from sysid.data.record import Floats, Record, make_record
 from sysid.data.times import period_from_times, restarts
 from sysid.errors import DataError, UsageError
@@ -49,11 +50,14 @@ def read_record(
     separator: str | None = None,
     decimal: str | None = None,
 ) -> Record:
-    r"""Read a record from a CSV file, plain or compressed (``.gz``).
+    r"""Read a record from a CSV (plain or ``.gz``), Parquet, MATLAB or npz file.
 
-    Separator, decimal comma, byte order mark and comment lines are detected.  A JSON file of the
-    same name beside the table may give ``units``, ``Ts`` [s] and ``splits.<set>.skip``, which are
-    used where nothing else is said.
+    The suffix tells the format.  In a text table separator, decimal comma, byte order mark and
+    comment lines are detected.  In ``.mat`` (any version) and ``.npz`` files each variable of
+    n x 1 or 1 x n numbers is a column, fields of a MATLAB structure ``s`` are columns ``s.field``,
+    and a scalar ``Ts``, ``dt``, ``period`` [s] or ``fs`` [Hz] gives the sampling period; nothing in
+    them is ever executed.  A JSON file of the same name beside the table may give ``units``, ``Ts``
+    [s] and ``splits.<set>.skip``, which are used where nothing else is said.
 
     Parameters
     ----------
@@ -69,7 +73,7 @@ def read_record(
     skip : int, optional
         Rows not scored at the beginning of each test set.
     separator, decimal : str, optional
-        Overrule what is detected.
+        Overrule what is detected in a text table.
 
     Returns
     -------
@@ -93,12 +97,22 @@ def read_record(
     >>> folder.cleanup()
     """
     path = Path(path)
-    dialect = _detect(path, separator, decimal)
     wanted = [*inputs, *outputs, *(name for name in (time, split, experiment) if name is not None)]
-    _check_columns(path, dialect.columns, wanted, inputs, outputs)
-    clock = time if time is not None else _restart_column(dialect.columns, wanted)
     texts = [name for name in (split, experiment) if name is not None]
-    table = _read_table(path, dialect, [*wanted, *([clock] if clock is not None else [])], texts)
+    stored = stored_table(path)
+    if stored is None:
+        dialect = _detect(path, separator, decimal)
+        columns = dialect.columns
+    else:
+        columns = stored.columns(wanted)
+    _check_columns(path, columns, wanted, inputs, outputs)
+    clock = time if time is not None else _restart_column(columns, wanted)
+    names = [*wanted, *([clock] if clock is not None else [])]
+    if stored is None:
+        table = _read_table(path, dialect, names, texts)
+    else:
+        table = stored.read(names, texts)
+        period = stored.period() if period is None and time is None else period
     notes = _read_notes(path)
     labels = None if split is None else _text(table, split)
     times = None if clock is None else _numbers(table, clock, path)
