@@ -37,7 +37,7 @@ def columns():
 
 
 def write_csv(path, table):
-    pd.DataFrame(table).to_csv(path, index=False, float_format="%.17g")
+    pd.DataFrame(table).to_csv(path, index=False)
 
 
 def write_parquet(path, table):
