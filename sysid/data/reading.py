@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sysid.data.formats import stored_table
 from sysid.data.record import Floats, Record, make_record
+from sysid.data.registry import EXPERIMENT_COLUMN, SPLIT_COLUMN, registered_path
 from sysid.data.times import period_from_times, restarts
 from sysid.errors import DataError, UsageError
 
@@ -62,6 +63,8 @@ def read_record(
     Parameters
     ----------
     path : str or Path
+        Where there is no such file, the name of a registered record that is at hand (`sysid.data.registry`);
+        its split and experiment columns are then known.
     inputs, outputs : sequence of str
         Column names.
     period : float, optional
@@ -97,6 +100,9 @@ def read_record(
     >>> folder.cleanup()
     """
     path = Path(path)
+    registered = registered_path(path)
+    if registered is not None:
+        path, split, experiment = registered, split or SPLIT_COLUMN, experiment or EXPERIMENT_COLUMN
     wanted = [*inputs, *outputs, *(name for name in (time, split, experiment) if name is not None)]
     texts = [name for name in (split, experiment) if name is not None]
     stored = stored_table(path)
