@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sysid.commands import replicate_arguments
+from sysid.commands import data_arguments, replicate_arguments
 from sysid.diagnosis import command as compare
 
 Run = Callable[[argparse.Namespace], int]
@@ -28,6 +28,12 @@ def _replicate() -> Run:
     return run
 
 
+def _data() -> Run:
+    from sysid.commands.data import run
+
+    return run
+
+
 COMMANDS = (
     Command(
         "replicate",
@@ -44,5 +50,14 @@ COMMANDS = (
         "sysid compare motor.csv --input u --output y --period 0.01 --split-column set",
         compare.add_arguments,
         lambda: compare.run,
+    ),
+    Command(
+        "data",
+        "list, describe and fetch public benchmark records",
+        "List, describe and fetch public benchmark records.  SYSID_DATA names a folder of local copies, "
+        "<name>/<name>.csv[.gz] with <name>.json beside it.",
+        "sysid data info emps",
+        data_arguments.add,
+        _data,
     ),
 )

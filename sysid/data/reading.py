@@ -1,4 +1,4 @@
-"""Read a record from a table in a text file."""
+"""Read a record from a table in a file."""
 
 import csv
 import gzip
@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.formats import stored_table
 from sysid.data.notes import known_period, read_notes
 from sysid.data.record import Floats, Record, make_record, names_of
+from sysid.data.registry import EXPERIMENT_COLUMN, SPLIT_COLUMN, registered_path
 from sysid.data.times import period_from_times, restarts
 from sysid.errors import DataError, UsageError
 
@@ -60,15 +62,20 @@ def read_record(
     separator: str | None = None,
     decimal: str | None = None,
 ) -> Record:
-    r"""Read a record from a CSV file, plain or compressed (``.gz``).
+    r"""Read a record from a CSV (plain or ``.gz``), Parquet, MATLAB or npz file.
 
-    Separator, decimal comma, byte order mark and comment lines are detected.  A JSON file of the
-    same name beside the table may give ``units``, ``Ts`` [s] and ``splits.<set>.skip``, which are
-    used where nothing else is said.
+    The suffix tells the format.  In a text table separator, decimal comma, byte order mark and
+    comment lines are detected.  In ``.mat`` (any version) and ``.npz`` files each variable of
+    n x 1 or 1 x n numbers is a column, fields of a MATLAB structure ``s`` are columns ``s.field``,
+    and a scalar ``Ts``, ``dt``, ``period`` [s] or ``fs`` [Hz] gives the sampling period; nothing in
+    them is ever executed.  A JSON file of the same name beside the table may give ``units``, ``Ts``
+    [s] and ``splits.<set>.skip``, which are used where nothing else is said.
 
     Parameters
     ----------
     path : str or Path
+        Where there is no such file, the name of a registered record that is at hand (`sysid.data.registry`);
+        its split and experiment columns are then known.
     inputs, outputs : sequence of str
         Column names.
     period : float, optional
@@ -80,7 +87,7 @@ def read_record(
     skip : int, optional
         Rows not scored at the beginning of each test set.
     separator, decimal : str, optional
-        Overrule what is detected.
+        Overrule what is detected in a text table.
 
     Returns
     -------
@@ -132,12 +139,25 @@ def _read(
     separator: str | None,
     decimal: str | None,
 ) -> Record:
-    dialect = _detect(path, separator, decimal)
+    registered = registered_path(path)
+    if registered is not None:
+        path, split, experiment = registered, split or SPLIT_COLUMN, experiment or EXPERIMENT_COLUMN
     wanted = [*inputs, *outputs, *(name for name in (time, split, experiment) if name is not None)]
-    _check_columns(path, dialect.columns, wanted, inputs, outputs)
-    clock = time if time is not None else _restart_column(dialect.columns, wanted)
     texts = [name for name in (split, experiment) if name is not None]
-    table = _read_table(path, dialect, [*wanted, *([clock] if clock is not None else [])], texts)
+    stored = stored_table(path)
+    if stored is None:
+        dialect = _detect(path, separator, decimal)
+        columns = dialect.columns
+    else:
+        columns = stored.columns(wanted)
+    _check_columns(path, columns, wanted, inputs, outputs)
+    clock = time if time is not None else _restart_column(columns, wanted)
+    names = [*wanted, *([clock] if clock is not None else [])]
+    if stored is None:
+        table = _read_table(path, dialect, names, texts)
+    else:
+        table = stored.read(names, texts)
+        period = stored.period() if period is None and time is None else period
     notes = read_notes(path)
     labels = None if split is None else _text(table, split)
     remarks = list(notes.warnings)

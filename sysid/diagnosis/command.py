@@ -21,7 +21,12 @@ DEFAULT_FOLDER = Path("sysid-out")
 def add_data_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options that say what the measurement file holds."""
     group = parser.add_argument_group("measurements")
-    group.add_argument("data", metavar="DATA", type=Path, help="CSV file, plain or .gz, with a header row")
+    group.add_argument(
+        "data",
+        metavar="DATA",
+        type=Path,
+        help="CSV (.gz too), Parquet, MATLAB or npz file, or a record that `sysid data list` names",
+    )
     group.add_argument(
         "--input",
         metavar="NAME",
