@@ -29,6 +29,7 @@ def error_of(capsys, *arguments):
         (["nonsense"], "nonsense"),
         (["replicate", "nonsense"], "no paper 'nonsense'; installed are: bai"),
         (["replicate", "--runs", "0"], "0 is too small"),
+        (["replicate", "--runs", "9"], "--runs is 9: covariances of the estimates need at least 10 runs"),
         (["replicate", "--runs", "ten"], "'ten' is not a whole number"),
         (["replicate", "--seed", "-1"], "-1 is too small"),
         (["replicate", "--jobs", "0"], "0 is too small"),

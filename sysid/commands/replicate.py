@@ -18,6 +18,8 @@ from sysid.montecarlo import Runner
 from sysid.progress import Progress, progress
 from sysid.replication import SCHEMA, Paper, Session, chosen_papers, jsonable, provenance, write_results
 
+MINIMUM_RUNS = 10
+
 
 def run(arguments: argparse.Namespace) -> int:
     """Replicate the chosen papers; return 0 when every gate is green and 1 otherwise."""
@@ -34,6 +36,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.dry_run:
         _list(console, papers, runs)
         return 0
+    if arguments.runs is not None and arguments.runs < MINIMUM_RUNS:
+        raise UsageError(
+            f"--runs is {arguments.runs}: covariances of the estimates need at least {MINIMUM_RUNS} runs"
+        )
     out: Path = arguments.out
     if out.exists() and not out.is_dir():
         raise UsageError(f"--out {out} is a file: name a folder")
