@@ -163,16 +163,26 @@ class RecordingRunner:
 
     def run(self, case, task, runs, seed):
         self.calls.append((case, task, runs, seed))
-        return case
+        return SimpleNamespace(case=case, failed=0)
 
 
 def test_a_session_hands_its_runs_and_seed_on():
     runner = RecordingRunner()
     session = Session(runs=100, seed=7, smoke=False, runner=runner)
-    assert session.study("a", abs) == "a"
+    assert session.study("a", abs).case == "a"
     session.study("b", abs, runs=5)
     session.study("c", abs, runs=0)
     assert runner.calls == [("a", abs, 100, 7), ("b", abs, 5, 7), ("c", abs, 0, 7)]
+
+
+def test_failed_runs_are_listed_with_their_messages():
+    failures = [SimpleNamespace(run=k, message="overflow") for k in (3, 5, 8, 13, 21, 34)]
+    study = SimpleNamespace(failed=6, failures=lambda: iter(failures))
+    session = Session(50, 0, False, SimpleNamespace(run=lambda *arguments: study))
+    session.study("relay", abs)
+    assert [(one.case, one.run, one.message) for one in session.failures] == [
+        ("relay", k, "overflow") for k in (3, 5, 8, 13, 21)
+    ]
 
 
 def test_times_are_kept_apart():
