@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from physics_cases import VALUES, duffing, free_model
 from scipy import signal
 from scipy.integrate import solve_ivp
 
@@ -10,27 +11,6 @@ from sysid.physics import load_model, model_names
 from sysid.physics.generator import compiled_kernels
 from sysid.physics.model import Parameter
 from sysid.physics.simulation import Simulator, choose_substeps, step_error
-
-VALUES = {
-    "mass-spring-damper": {"m": 1.3, "c": 0.4, "k": 7.0},
-    "dc-motor": {"J": 0.39, "b": 0.26, "K": 1.12, "L": 0.105, "R": 1.2},
-    "two-mass": {"m1": 1.3, "c1": 0.4, "k1": 7.0, "m2": 0.6, "c2": 0.2, "k2": 4.0},
-    "two-tanks": {"a1": 0.12, "a2": 0.07, "b": 0.5},
-    "positioning-stage": {"M": 2.0, "F_v": 3.0, "gain": 1.5, "offset": 0.3},
-    "oscillator": {"w0": 3.0, "zeta": 0.1, "gain": 0.7},
-    "thermal-first-order": {"C": 5.0, "G": 0.8, "ambient": 0.4, "delay": 0.23},
-    "thermal-second-order": {"C1": 2.0, "C2": 5.0, "G1": 0.8, "G2": 0.4, "ambient": 0.4, "delay": 0.23},
-}
-
-
-def free_model(name):
-    """The model with all its parameters free but the cubic stiffness."""
-    return load_model(name).with_parameters(start=VALUES[name])
-
-
-def duffing():
-    values = {"w0": 3.0, "zeta": 0.1, "gain": 0.7, "cubic": 20.0}
-    return load_model("oscillator").with_parameters(start=values)
 
 
 def tanks_of_torricelli():
@@ -85,9 +65,9 @@ def state_space(name, v):
         ),
         "thermal-first-order": (lambda C, G, ambient, delay: ([[-G / C]], [[1 / C, 0]], [1], ambient)),
         "thermal-second-order": (
-            lambda C1, C2, G1, G2, ambient, delay: (
-                [[-G1 / C1, G1 / C1], [G1 / C2, -(G1 + G2) / C2]],
-                [[1 / C1, 0], [0, 0]],
+            lambda lag, C, G, ambient, delay: (
+                [[-1 / lag, 0], [1 / C, -G / C]],
+                [[1 / lag, 0], [0, 0]],
                 [0, 1],
                 ambient,
             )
@@ -199,6 +179,8 @@ def test_wrong_use_is_named():
         simulator.run({}, np.ones(10), [1.0])
     with pytest.raises(ModelError, match="no parameter 'a3'"):
         simulator.run({"a3": 1.0}, np.ones(10))
+    with pytest.raises(ModelError, match="'cubic' of model 'oscillator' is fixed at 0 and cannot be 2"):
+        Simulator(load_model("oscillator"), 0.1).run({"cubic": 2.0}, np.ones(10))
     stiff = duffing()
     with pytest.raises(ModelError, match="too fast for the sampling period"):
         choose_substeps(

@@ -1,5 +1,6 @@
 """Continuous-time models made of physical terms, simulated and fitted."""
 
+from sysid.physics.fit import PhysicsFit, fit_physics
 from sysid.physics.model import Equation, Model, Output, Parameter, Term, Variable
 from sysid.physics.reading import load_model, model_names, read_model
 
@@ -8,8 +9,10 @@ __all__ = [
     "Model",
     "Output",
     "Parameter",
+    "PhysicsFit",
     "Term",
     "Variable",
+    "fit_physics",
     "load_model",
     "model_names",
     "read_model",

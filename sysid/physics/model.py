@@ -193,6 +193,10 @@ class Model:
                 changes[name] = changed
         return replace(self, parameters=tuple(changes.get(p.name, p) for p in self.parameters))
 
+    def with_values(self, values: Mapping[str, float]) -> "Model":
+        """Return the model with other start values, each parameter as free or fixed as before."""
+        return replace(self, parameters=tuple(replace(p, start=values[p.name]) for p in self.parameters))
+
     def with_term(
         self, place: str, name: str, expression: str, parameters: tuple[Parameter, ...] = ()
     ) -> "Model":

@@ -1,6 +1,6 @@
 """Simulate a physical model: exactly when it is linear, by small Runge-Kutta steps otherwise."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -26,6 +26,8 @@ class Simulator:
     model : Model
     period : float
         Sampling period [s]; the input is held between samples.
+    searched : sequence of str, optional
+        Parameters by which derivatives are taken; all that are not fixed by default.
     substeps : int, optional
         Runge-Kutta steps a sample for a model that is not linear; chosen by `choose_substeps` if not
         given.
@@ -40,13 +42,20 @@ class Simulator:
     0.25
     """
 
-    def __init__(self, model: Model, period: float, substeps: int | None = None) -> None:
+    def __init__(
+        self,
+        model: Model,
+        period: float,
+        substeps: int | None = None,
+        searched: Sequence[str] | None = None,
+    ) -> None:
         if not (np.isfinite(period) and period > 0.0):
             raise UsageError(f"the sampling period is {period}: give a positive number of seconds")
         self.model = model
         self.period = float(period)
         fixed_zero = {p.name for p in model.parameters if p.status == "fixed" and p.start == 0.0}
-        self.searched = tuple(p.name for p in model.parameters if p.status != "fixed")
+        free = tuple(p.name for p in model.parameters if p.status != "fixed")
+        self.searched = free if searched is None else tuple(searched)
         self._carried = tuple(p.name for p in model.parameters if p.name not in fixed_zero)
         self._positions = [self._carried.index(name) for name in self.searched]
         self.form: LinearForm | None = linear_form(model, self.searched)
@@ -79,8 +88,13 @@ class Simulator:
 
     def values(self, changes: Mapping[str, float] | None = None) -> dict[str, float]:
         """Return the start value of every parameter, with changes."""
-        for name in changes or {}:
-            self.model.parameter(name)
+        for name, value in (changes or {}).items():
+            parameter = self.model.parameter(name)
+            if parameter.status == "fixed" and parameter.start == 0.0 and value != 0.0:
+                raise ModelError(
+                    f"parameter {name!r} of model {self.model.name!r} is fixed at 0 and cannot be {value:g}: "
+                    "give it a start value or another fixed value first"
+                )
         values = {parameter.name: parameter.start for parameter in self.model.parameters}
         return values | {name: float(value) for name, value in (changes or {}).items()}
 
