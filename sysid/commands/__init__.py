@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sysid.commands import replicate_arguments
+from sysid.commands import models_arguments, replicate_arguments
 from sysid.diagnosis import command as compare
 
 Run = Callable[[argparse.Namespace], int]
@@ -28,6 +28,12 @@ def _replicate() -> Run:
     return run
 
 
+def _models() -> Run:
+    from sysid.commands.models import run
+
+    return run
+
+
 COMMANDS = (
     Command(
         "replicate",
@@ -44,5 +50,13 @@ COMMANDS = (
         "sysid compare motor.csv --input u --output y --period 0.01 --split-column set",
         compare.add_arguments,
         lambda: compare.run,
+    ),
+    Command(
+        "models",
+        "list the physical models with their equations and parameters",
+        "List physical models: equations, states, inputs and parameters with unit, start value and range.",
+        "sysid models dc-motor",
+        models_arguments.add,
+        _models,
     ),
 )
