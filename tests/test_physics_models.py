@@ -204,7 +204,7 @@ def test_a_file_of_the_user_is_a_model(tmp_path):
         ("start = 2.0, ", "", r"parameters\.k: start is missing"),
         ("start = 2.0", 'start = "2"', r"parameters\.k: start is '2': give a number"),
         ("maximum = 9.0", "maximum = -9.0", r"parameters\.k: minimum is 0 and maximum -9"),
-        ("maximum = 9.0", "maximun = 9.0", r"parameters\.k: key 'maximun' is not known"),
+        ("maximum = 9.0", "upper = 9.0", r"parameters\.k: key 'upper' is not known"),
         ("maximum = 9.0", 'status = "loose"', r"parameters\.k: status is 'loose'"),
         ('state = "v"', 'state = "w"', "equations 2: state 'w' is none of x, v"),
         ('state = "v"', 'state = "x"', "equations 2: state 'x' has an equation already"),
