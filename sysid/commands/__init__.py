@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sysid.commands import data_arguments, replicate_arguments
+from sysid.commands import data_arguments, models_arguments, replicate_arguments
 from sysid.diagnosis import command as compare
 
 Run = Callable[[argparse.Namespace], int]
@@ -34,6 +34,12 @@ def _data() -> Run:
     return run
 
 
+def _models() -> Run:
+    from sysid.commands.models import run
+
+    return run
+
+
 COMMANDS = (
     Command(
         "replicate",
@@ -59,5 +65,13 @@ COMMANDS = (
         "sysid data info emps",
         data_arguments.add,
         _data,
+    ),
+    Command(
+        "models",
+        "list the physical models with their equations and parameters",
+        "List physical models: equations, states, inputs and parameters with unit, start value and range.",
+        "sysid models dc-motor",
+        models_arguments.add,
+        _models,
     ),
 )

@@ -186,7 +186,7 @@ def predict(fit: "OutputErrorFit", record: Record, rows: Mask | None = None) -> 
             used, count = first_rows(y, record.skip.get(str(record.split[part][0]), 0), fit.order)
             note = f"estimated on the first {count} rows" if count else "at rest: no output is measured there"
         free_run[part] = run_free(fit, u, y, used)
-        one_step[part] = free_run[part] + _foreseen(y - free_run[part], fit.uncertainty.noise)
+        one_step[part] = free_run[part] + foreseen(y - free_run[part], fit.uncertainty.noise)
         notes.append(note if fit.structure.free_start else "at rest")
     return Prediction(free_run, one_step, tuple(notes))
 
@@ -217,7 +217,7 @@ def first_rows(y: Floats, skip: int, order: int) -> tuple[Mask, int]:
     return used, int(used.sum())
 
 
-def _foreseen(residual: Floats, noise: Floats) -> Floats:
+def foreseen(residual: Floats, noise: Floats) -> Floats:
     """Return -(d1 r(k-1) + d2 r(k-2) + ...), the part of the residual its past tells; gaps count as zero."""
     known = np.where(np.isfinite(residual), residual, 0.0)
     told = np.zeros_like(known)

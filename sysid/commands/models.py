@@ -1,0 +1,65 @@
+"""The command `sysid models`: equations and parameters of physical models."""
+
+import argparse
+import math
+import sys
+from typing import TYPE_CHECKING
+
+from sysid.physics.model import Model, Parameter
+from sysid.physics.reading import load_model, model_names
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the models asked for."""
+    from rich.console import Console
+
+    models = [load_model(name) for name in arguments.models or model_names()]
+    console = Console(file=sys.stdout, highlight=False, width=None if sys.stdout.isatty() else 120)
+    for model in models:
+        console.print(f"{model.name}: {model.title}", style="bold", markup=False, soft_wrap=True)
+        for line in str(model).splitlines():
+            console.print(f"    {line}", markup=False, soft_wrap=True)
+        console.print(_variables(model))
+        console.print(_parameters(model))
+        console.print()
+    return 0
+
+
+def _variables(model: Model) -> "Table":
+    table = _table(("", "unit", "what it is"))
+    for kind, variables in (("state", model.states), ("input", model.inputs)):
+        for variable in variables:
+            table.add_row(f"{kind} {variable.name}", variable.unit, variable.meaning)
+    for output in model.outputs:
+        table.add_row(
+            f"output {output.name}", output.unit, output.meaning or ", ".join(t.name for t in output.terms)
+        )
+    return table
+
+
+def _parameters(model: Model) -> "Table":
+    table = _table(("parameter", "unit", "start", "range", "status", "what it is"))
+    for p in model.parameters:
+        table.add_row(p.name, p.unit, f"{p.start:g}", _range(p), p.status, p.meaning)
+    return table
+
+
+def _table(headings: tuple[str, ...]) -> "Table":
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 4))
+    for heading in headings:
+        table.add_column(heading)
+    return table
+
+
+def _range(parameter: Parameter) -> str:
+    low, high = parameter.minimum, parameter.maximum
+    if math.isinf(low) and math.isinf(high):
+        return "any"
+    if low == 0.0 and math.isinf(high):
+        return "positive"
+    return f"{low:g} to {high:g}"

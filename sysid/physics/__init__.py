@@ -1,0 +1,42 @@
+"""Continuous-time models made of physical terms, simulated and fitted.
+
+The fit is loaded when first used: models can be read and listed without it.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+from sysid.physics.model import Equation, Model, Output, Parameter, Term, Variable
+from sysid.physics.reading import load_model, model_names, read_model
+
+if TYPE_CHECKING:
+    from sysid.physics.fit import PhysicsFit, fit_physics
+    from sysid.physics.simulation import Simulator
+
+__all__ = [
+    "Equation",
+    "Model",
+    "Output",
+    "Parameter",
+    "PhysicsFit",
+    "Simulator",
+    "Term",
+    "Variable",
+    "fit_physics",
+    "load_model",
+    "model_names",
+    "read_model",
+]
+
+_LATE = {
+    "PhysicsFit": "sysid.physics.fit",
+    "Simulator": "sysid.physics.simulation",
+    "fit_physics": "sysid.physics.fit",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LATE:
+        from importlib import import_module
+
+        return getattr(import_module(_LATE[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

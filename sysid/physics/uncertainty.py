@@ -1,0 +1,80 @@
+"""Standard errors of physical parameters when the residual is coloured."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.linear.forms import Floats
+from sysid.linear.kernels import polynomial_filter
+from sysid.physics.problem import Problem
+
+# Directions of the scaled Jacobian below this share of the largest count as not determined.
+RANK_TOLERANCE = 1e-7
+PART_OF_DIRECTION = 1e-2
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Covariance of the searched parameters, and the model of the residual it rests on.
+
+    Attributes
+    ----------
+    covariance : ndarray, shape (n_searched, n_searched)
+        In the units of the parameters; infinite where the record does not determine them.
+    standard_errors : ndarray, shape (n_searched,)
+    undetermined : tuple of str
+        Parameters of which the record determines a combination only.
+    noise : ndarray, shape (order + 1,)
+        D(q), leading 1: the residual is white noise through 1/D.
+    noise_std : float
+        Standard deviation of that white noise.
+    """
+
+    covariance: Floats
+    standard_errors: Floats
+    undetermined: tuple[str, ...]
+    noise: Floats
+    noise_std: float
+
+
+def parameter_uncertainty(problem: Problem, point: Floats, residual: Floats) -> Uncertainty:
+    """Return the covariance (J'J)^-1 J'VJ (J'J)^-1, V that of an autoregressive model of the residual.
+
+    J'VJ = sigma^2 |F'J|^2, where F' runs 1/D backwards in time.  Initial states count as parameters.
+    """
+    from sysid.linear.uncertainty import autoregression
+
+    J = problem.plain_jacobian(point)
+    runs = np.split(residual, np.cumsum([int(s.used.sum()) for s in problem.segments])[:-1])
+    noise, noise_std = autoregression(runs)
+    scale = np.linalg.norm(J, axis=0)
+    scale[scale == 0.0] = 1.0
+    J /= scale
+    left, sizes, right = np.linalg.svd(J, full_matrices=False)
+    known = sizes > RANK_TOLERANCE * sizes[0]
+    # (J'J)^-1 J' V J (J'J)^-1 = G'G with G = F'J (J'J)^-1 = F'U diag(1/s) V'.
+    filtered = _backwards(left[:, known], noise, problem)
+    G = (filtered / sizes[known]) @ right[known] / scale
+    spread = noise_std * np.sqrt(problem.n_rows / max(problem.n_rows - point.size, 1))
+    count = len(problem.names)
+    covariance = spread**2 * (G.T @ G)[:count, :count]
+    loose = np.abs(right[~known][:, :count]).max(axis=0, initial=0.0) > PART_OF_DIRECTION
+    covariance[loose, :] = covariance[:, loose] = np.inf
+    undetermined = tuple(name for name, is_loose in zip(problem.names, loose, strict=True) if is_loose)
+    return Uncertainty(covariance, np.sqrt(np.diag(covariance)), undetermined, noise, noise_std)
+
+
+def _backwards(columns: Floats, noise: Floats, problem: Problem) -> Floats:
+    """Filter each column by 1/D in reversed time, rows that are not used as zeros between."""
+    b = np.zeros_like(noise)
+    b[0] = 1.0
+    filtered, row = np.empty_like(columns), 0
+    for segment in problem.segments:
+        rows = slice(row, row + int(segment.used.sum()))
+        for column in range(columns.shape[1]):
+            signal, out = np.zeros(segment.used.size), np.empty(segment.used.size)
+            signal[segment.used] = columns[rows, column]
+            polynomial_filter(b, noise, np.ascontiguousarray(signal[::-1]), np.zeros(noise.size - 1), out)
+            filtered[rows, column] = out[::-1][segment.used]
+        row = rows.stop
+    return filtered
