@@ -16,6 +16,8 @@ _PUBLIC = {
     "compare": "sysid.diagnosis.compare",
     "correlation_method": "sysid.hammerstein",
     "fit_output_error": "sysid.linear",
+    "fit_physics": "sysid.physics",
+    "load_model": "sysid.physics",
     "read_record": "sysid.data",
     "search_method": "sysid.hammerstein",
     "two_sided_search_method": "sysid.hammerstein",

@@ -159,7 +159,10 @@ def two_sided_search_method(
 
 
 def _pair(u: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
-    signal, output = np.asarray(u, dtype=float), np.asarray(y, dtype=float)
+    try:
+        signal, output = np.asarray(u, dtype=float), np.asarray(y, dtype=float)
+    except (TypeError, ValueError) as problem:
+        raise DataError(f"input and output must be sequences of numbers ({problem})") from None
     if signal.shape != output.shape or signal.ndim != 1:
         raise DataError(
             f"input of shape {signal.shape} and output of shape {output.shape} differ: "

@@ -291,6 +291,8 @@ def test_bad_data_end_in_one_sentence():
     saturation = NONLINEARITIES["saturation"]
     with pytest.raises(DataError, match=r"shape \(100,\) and output of shape \(99,\) differ"):
         search_method(u, y[:-1], saturation, 2, upper=3.5)
+    with pytest.raises(DataError, match="must be sequences of numbers"):
+        search_method(["low"] * 100, y, saturation, 2, upper=3.5)
     with pytest.raises(DataError, match="input value 7 is nan: remove the row"):
         search_method(np.where(np.arange(100) == 7, np.nan, u), y, saturation, 2, upper=3.5)
     with pytest.raises(DataError, match="data value 8 is inf: remove the row"):

@@ -18,7 +18,7 @@ from sysid.physics.reading import load_model
 from sysid.physics.simulation import step_error
 from sysid.physics.starts import starting_points
 from sysid.physics.uncertainty import Uncertainty, parameter_uncertainty
-from sysid.separable.descent import Minimum, Status, levenberg_marquardt
+from sysid.separable.descent import Minimum, Residual, Status, levenberg_marquardt
 
 if TYPE_CHECKING:
     from sysid.linear.simulation import Prediction
@@ -179,13 +179,13 @@ def fit_physics(
     with threadpool_limits(1):  # blocks are small: further threads only wait for one another
         minimum, agreeing, tried = _search_all(problem)
         minimum = _with_fine_steps(problem, minimum)
-        uncertainty = parameter_uncertainty(problem, minimum.x, minimum.residual)
+        uncertainty = parameter_uncertainty(problem, minimum.x, minimum.point.residual)
     return _result(problem, minimum, uncertainty, record, (agreeing, tried))
 
 
 def _result(
     problem: Problem,
-    minimum: Minimum,
+    minimum: Minimum[Residual],
     uncertainty: Uncertainty,
     record: Record,
     restarts: tuple[int, int],
@@ -237,12 +237,12 @@ def _check_enough(problem: Problem) -> None:
         )
 
 
-def _search_all(problem: Problem) -> tuple[Minimum, int, int]:
+def _search_all(problem: Problem) -> tuple[Minimum[Residual], int, int]:
     """Search from the best of all starts; return the best end, how many agree with it, how many ran."""
     screening = problem.with_segments(_shortened(problem.segments, SCREENING_ROWS))
     ranking = problem.with_segments(_shortened(problem.segments, RANKING_ROWS))
     count = len(problem.names)
-    ends: list[Minimum] = []
+    ends: list[Minimum[Residual]] = []
     for coordinates, states in _starts(ranking):
         screening.use_steps(None)
         point = screening.point(coordinates, _all_states(screening, states))
@@ -293,7 +293,7 @@ def _all_states(problem: Problem, known: Floats) -> Floats:
     return np.vstack([known, np.tile(problem.simulator.rest(), (missing, 1))])
 
 
-def _descend(problem: Problem, point: Floats, evaluations: int) -> Minimum:
+def _descend(problem: Problem, point: Floats, evaluations: int) -> Minimum[Residual]:
     lower, upper = problem.bounds()
     with np.errstate(all="ignore"):
         return levenberg_marquardt(
@@ -305,7 +305,7 @@ def _descend(problem: Problem, point: Floats, evaluations: int) -> Minimum:
         )
 
 
-def _with_fine_steps(problem: Problem, minimum: Minimum) -> Minimum:
+def _with_fine_steps(problem: Problem, minimum: Minimum[Residual]) -> Minimum[Residual]:
     """Halve the Runge-Kutta step and search on until the output no longer depends on it."""
     if problem.simulator.linear:
         return minimum
@@ -320,11 +320,11 @@ def _with_fine_steps(problem: Problem, minimum: Minimum) -> Minimum:
     return minimum
 
 
-def _same(best: Minimum, end: Minimum, problem: Problem) -> bool:
+def _same(best: Minimum[Residual], end: Minimum[Residual], problem: Problem) -> bool:
     """Tell whether two searches ended at the same error with the same output."""
     floor = EXACT * np.sqrt(sum(float(segment.y @ segment.y) for segment in problem.segments))
     error, other = np.sqrt(best.cost), np.sqrt(end.cost)
-    apart = float(np.linalg.norm(end.residual - best.residual))
+    apart = float(np.linalg.norm(end.point.residual - best.point.residual))
     return bool(
         other <= error * (1.0 + AGREEMENT) + floor and apart <= OUTPUT_AGREEMENT * error + 2.0 * floor
     )

@@ -102,6 +102,11 @@ class Minimum(Generic[AnyPoint]):
     costs: tuple[float, ...]
     n_evaluations: int
 
+    @property
+    def cost(self) -> float:
+        """Sum of squared residuals at ``x``."""
+        return self.point.cost
+
 
 def levenberg_marquardt(
     residual: Callable[[Floats], Floats],
