@@ -9,7 +9,7 @@ import pickle
 import re
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, is_dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -74,12 +74,22 @@ def _fingerprint(task: Task) -> str:
     return hashlib.sha256((_content_hash(task) + text).encode()).hexdigest()[:16]
 
 
+def _settings(task: Task) -> object:
+    """Return what a task holds, a path as its text: equal paths can be pickled differently."""
+    held = getattr(task, "__dict__", None)
+    if not is_dataclass(task) or held is None:
+        return task
+    return {
+        name: os.fspath(value) if isinstance(value, os.PathLike) else value for name, value in held.items()
+    }
+
+
 def _content_hash(task: Task) -> str:
     import joblib
 
     failures = (pickle.PicklingError, AttributeError, TypeError)
     try:
-        return str(joblib.hash(task))
+        return str(joblib.hash(_settings(task)))
     except failures:
         pass  # a function inside a function or a notebook, which workers get by value
     try:
