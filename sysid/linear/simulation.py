@@ -1,5 +1,6 @@
 """Free run and one-step prediction of linear models."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -175,19 +176,56 @@ def predict(fit: "OutputErrorFit", record: Record, rows: Mask | None = None) -> 
     -------
     Prediction
     """
+
+    def run(part: slice, used: Mask, fitted: bool) -> Floats:
+        return run_free(fit, record.u[part], record.y[part, 0], used)
+
+    return predict_experiments(record, rows, fit.order, fit.uncertainty.noise, fit.structure.free_start, run)
+
+
+def predict_experiments(
+    record: Record,
+    rows: Mask | None,
+    order: int,
+    noise: Floats,
+    free_start: bool,
+    run: Callable[[slice, Mask, bool], Floats],
+) -> Prediction:
+    """Run every experiment of a record and say where its initial state comes from.
+
+    Parameters
+    ----------
+    record : Record
+    rows : ndarray of bool, shape (n_samples,), or None
+        Rows that may be used for initial states; estimation and validation rows by default.
+    order : int
+        Number of states.
+    noise : ndarray
+        Polynomial of the residual's autoregression, for the one-step prediction.
+    free_start : bool
+        Initial states are estimated; otherwise experiments start at rest.
+    run : callable
+        Gives the free run of an experiment from its rows in the record, the rows for its initial
+        state, and whether these are rows of the fit.
+
+    Returns
+    -------
+    Prediction
+    """
     chosen = record.learning if rows is None else rows
     free_run, one_step = np.empty(record.n_samples), np.empty(record.n_samples)
     notes = []
     for part in record.slices:
-        u, y = record.u[part], record.y[part, 0]
+        y = record.y[part, 0]
         used = chosen[part] & np.isfinite(y)
+        fitted = bool(used.any())
         note = "estimated on the rows of the fit"
-        if not used.any():
-            used, count = first_rows(y, record.skip.get(str(record.split[part][0]), 0), fit.order)
+        if not fitted:
+            used, count = first_rows(y, record.skip.get(str(record.split[part][0]), 0), order)
             note = f"estimated on the first {count} rows" if count else "at rest: no output is measured there"
-        free_run[part] = run_free(fit, u, y, used)
-        one_step[part] = free_run[part] + foreseen(y - free_run[part], fit.uncertainty.noise)
-        notes.append(note if fit.structure.free_start else "at rest")
+        free_run[part] = run(part, used, fitted)
+        one_step[part] = free_run[part] + foreseen(y - free_run[part], noise)
+        notes.append(note if free_start else "at rest")
     return Prediction(free_run, one_step, tuple(notes))
 
 

@@ -8,7 +8,7 @@ from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.linear.forms import Floats
 from sysid.linear.reduction import Segment
-from sysid.linear.simulation import Prediction, first_rows, foreseen
+from sysid.linear.simulation import Prediction, predict_experiments
 from sysid.physics.problem import Problem
 
 if TYPE_CHECKING:
@@ -32,22 +32,14 @@ def predict(fit: "PhysicsFit", record: Record, rows: Mask | None = None) -> Pred
     -------
     Prediction
     """
-    chosen = record.learning if rows is None else rows
-    free_run, one_step = np.empty(record.n_samples), np.empty(record.n_samples)
-    notes, known = [], iter(fit.states)
-    for part in record.slices:
-        y = record.y[part, 0]
-        used = chosen[part] & np.isfinite(y)
-        near, note = None, "estimated on the rows of the fit"
-        if used.any():
-            near = next(known, None)
-        else:
-            used, count = first_rows(y, record.skip.get(str(record.split[part][0]), 0), fit.order)
-            note = f"estimated on the first {count} rows" if count else "at rest: no output is measured there"
-        free_run[part] = _run(fit, record.u[part], y, used, near)
-        one_step[part] = free_run[part] + foreseen(y - free_run[part], fit.uncertainty.noise)
-        notes.append(note if fit.initial_state == "estimate" else "at rest")
-    return Prediction(free_run, one_step, tuple(notes))
+    estimated = iter(fit.states)
+
+    def run(part: slice, used: Mask, fitted: bool) -> Floats:
+        near = next(estimated, None) if fitted else None
+        return _run(fit, record.u[part], record.y[part, 0], used, near)
+
+    free_start = fit.initial_state == "estimate"
+    return predict_experiments(record, rows, fit.order, fit.uncertainty.noise, free_start, run)
 
 
 def _run(fit: "PhysicsFit", u: Floats, y: Floats, used: Mask, near: Floats | None) -> Floats:
