@@ -34,6 +34,14 @@ from sysid.nonlinearities.memory import (
     SchmittTrigger,
 )
 from sysid.nonlinearities.pieces import AffinePieces
+from sysid.nonlinearities.spline import (
+    Spline,
+    absolute_power_basis,
+    equal_knots,
+    quantile_knots,
+    spline_basis,
+    supported_knots,
+)
 
 __all__ = [
     "DEAD_ZONE",
@@ -59,9 +67,15 @@ __all__ = [
     "OneParameterMap",
     "Play",
     "SchmittTrigger",
+    "Spline",
     "StaticMap",
     "TwoSidedMap",
+    "absolute_power_basis",
+    "equal_knots",
     "nonlinearity",
+    "quantile_knots",
+    "spline_basis",
+    "supported_knots",
 ]
 
 NONLINEARITIES: Mapping[str, Nonlinearity] = MappingProxyType(
