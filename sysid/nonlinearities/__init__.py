@@ -34,6 +34,7 @@ from sysid.nonlinearities.memory import (
     SchmittTrigger,
 )
 from sysid.nonlinearities.pieces import AffinePieces
+from sysid.nonlinearities.segment import SEGMENT, SegmentMap, Segments
 
 __all__ = [
     "DEAD_ZONE",
@@ -46,6 +47,7 @@ __all__ = [
     "RELAY",
     "SATURATION",
     "SCHMITT_TRIGGER",
+    "SEGMENT",
     "TWO_SIDED_DEAD_ZONE",
     "TWO_SIDED_PRELOAD",
     "TWO_SIDED_RELAY",
@@ -59,6 +61,8 @@ __all__ = [
     "OneParameterMap",
     "Play",
     "SchmittTrigger",
+    "SegmentMap",
+    "Segments",
     "StaticMap",
     "TwoSidedMap",
     "nonlinearity",
