@@ -78,7 +78,10 @@ def sizes(rng: np.random.Generator, name: str, s: Scales) -> Size:
         "out_offset": lambda x: {"offset": sign * 3.0 * s.y_rms * x},
         "out_drift": lambda x: {"rate": sign * 5.0 * s.y_rms * x / s.n_samples},
         "out_quantisation": lambda x: {"step": 3.0 * s.y_rms * x},
-        "out_rectify": lambda x: {"bias": sign * 4.0 * s.u_rms * (1.0 - x)},
+        "out_rectify": lambda x: {
+            "bias": sign * 4.0 * s.u_rms * (1.0 - x),
+            "half": float(sign > 0.0 and c < 0.5),
+        },
         "out_quadratic": lambda x: {"c": sign * 1.5 / s.y_rms * x},
         "out_delay": lambda x: {"delay": min(6.0 / s.bandwidth, _LONGEST_DELAY) * x},
         "out_lowpass": lambda x: {"pole": 0.98 * x},
@@ -167,11 +170,11 @@ def _delayed(signal: Floats, delay: float) -> Floats:
     part = delay - whole
     padded = np.r_[np.zeros(whole + 1), signal]
     n = signal.size
-    return (1.0 - part) * padded[1 : n + 1] + part * padded[:n]
+    return np.asarray((1.0 - part) * padded[1 : n + 1] + part * padded[:n])
 
 
 def _relay(u: Floats, p: Values) -> Floats:
-    return p["level"] * np.sign(u) * (np.abs(u) > p["threshold"])
+    return np.asarray(p["level"] * np.sign(u) * (np.abs(u) > p["threshold"]))
 
 
 def _dead_zone(u: Floats, p: Values) -> Floats:
@@ -181,7 +184,7 @@ def _dead_zone(u: Floats, p: Values) -> Floats:
 def _varied(u: Floats, p: Values) -> Floats:
     """Gain 1, from the start on 1 + change (a step) or rising to it at the end (a ramp)."""
     share = np.arange(u.size) / p["n"]
-    return u * (1.0 + p["change"] * (share >= p["start"] if p["step"] else share))
+    return np.asarray(u * (1.0 + p["change"] * (share >= p["start"] if p["step"] else share)))
 
 
 def _preisach(u: Floats, p: Values) -> Floats:
@@ -189,14 +192,14 @@ def _preisach(u: Floats, p: Values) -> Floats:
     widths = p["spread"] * np.linspace(0.05, 1.0, 12)
     weights = np.linspace(1.0, 0.2, 12)
     loops = [weight * backlash(u, width, width) for width, weight in zip(widths, weights, strict=True)]
-    return u + p["weight"] * np.sum(loops, axis=0) / weights.sum()
+    return np.asarray(u + p["weight"] * np.sum(loops, axis=0) / weights.sum())
 
 
 def _memory_gain(u: Floats, p: Values) -> Floats:
     """Multiply the input by a gain that follows the mean power of the input before."""
     from scipy.signal import lfilter
 
-    return u * (1.0 + p["c"] * lfilter([0.0, 1.0 - p["pole"]], [1.0, -p["pole"]], u**2))
+    return np.asarray(u * (1.0 + p["c"] * lfilter([0.0, 1.0 - p["pole"]], [1.0, -p["pole"]], u**2)))
 
 
 def _mode(u: Floats, p: Values) -> Floats:
@@ -257,7 +260,7 @@ OUTPUT: dict[str, Callable[[Floats, Values], Floats]] = {
     "out_offset": lambda y, p: y + p["offset"],
     "out_drift": lambda y, p: y + p["rate"] * np.arange(y.size),
     "out_quantisation": lambda y, p: p["step"] * np.round(y / p["step"]),
-    "out_rectify": lambda y, p: np.abs(y),
+    "out_rectify": lambda y, p: np.maximum(y, 0.0) if p["half"] else np.abs(y),
     "out_quadratic": lambda y, p: y + p["c"] * y**2,
     "out_delay": lambda y, p: _delayed(y, p["delay"]),
     "out_lowpass": _lowpass,

@@ -32,13 +32,9 @@ _EVENTS = 50
 
 @compiled
 def _smooth_force(force: Floats, position: float, velocity: float) -> float:
-    return (
-        force[0] * velocity * abs(velocity)
-        + force[1] * position**3
-        + force[2] * math.sin(position)
-        + force[3]
-        + force[4] * velocity**3
-    )
+    total: float = force[0] * velocity * abs(velocity) + force[1] * position**3
+    total += force[2] * math.sin(position) + force[3] + force[4] * velocity**3
+    return total
 
 
 @compiled
@@ -99,7 +95,7 @@ def _derivative(
     v = x[velocity]
     slope[n] = (v - abs(v) * x[n]) / force[6] if force[6] > 0.0 else 0.0
     against = _smooth_force(force, x[position], v) + force[5] * x[n]
-    net = slope[velocity] / inverse_mass - against
+    net: float = slope[velocity] / inverse_mass - against
     dry = 0.0
     if mode == 1 or mode == -1:
         excess = force[9] * math.exp(-((v / force[10]) ** 2)) if force[10] > 0.0 else 0.0
@@ -240,7 +236,7 @@ def _passed(
     if mode == 0:
         net = _derivative(matrix, column, u, places, inverse_mass, force, gain, mode, work[5], work[0])
         return _grip(net, force) != 0
-    return mode * work[5, places[1]] < 0.0
+    return bool(mode * work[5, places[1]] < 0.0)
 
 
 @compiled

@@ -163,7 +163,7 @@ class Plant:
         n = len(matrix)
         system = (matrix, column[:, np.newaxis], np.eye(n), np.zeros((n, 1)))
         states = dlsim(cont2discrete(system, self.period), u)[1]
-        (position, velocity, _), inverse_mass = self.rubbing
+        position, velocity, _ = self.rubbing[0]
         drive = self.parameters["K"] * states[:, 1] if self.family == "dc-motor" else u
         return states[:, position], states[:, velocity], np.asarray(drive)
 

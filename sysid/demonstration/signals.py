@@ -30,15 +30,17 @@ def draw_excitation(rng: np.random.Generator, n: int, bandwidth: float) -> tuple
     >>> round(float(np.sqrt(np.mean(u**2))), 12)
     1.0
     """
-    kind = str(rng.choice(sorted(EXCITATIONS)))
+    kinds = sorted(EXCITATIONS)
+    kind = kinds[int(rng.integers(len(kinds)))]
     u = EXCITATIONS[kind](rng, n, bandwidth)
     return kind, u / np.sqrt(np.mean(u**2))
 
 
 def _multisine(rng: np.random.Generator, n: int, bandwidth: float) -> Floats:
-    period = int(rng.choice([n // 4, n // 3, n // 2, n]))
-    highest = int(np.clip(rng.uniform(0.7, 2.0) * bandwidth * period / (2 * np.pi), 8, period // 2 - 1))
-    count = int(min(rng.integers(8, 41), highest))
+    period = n // int(rng.integers(1, 5))
+    reach = rng.uniform(0.7, 2.0) * bandwidth * period / (2 * np.pi)
+    highest = min(max(round(reach), 8), period // 2 - 1)
+    count = min(int(rng.integers(8, 41)), highest)
     lines = rng.choice(np.arange(1, highest + 1), count, replace=False)
     phase = rng.uniform(0, 2 * np.pi, count)
     time = np.arange(n)[:, np.newaxis]
