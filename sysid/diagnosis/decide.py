@@ -19,8 +19,10 @@ TIED = 2.0
 # A further effect must explain this share of what all effects explain, or it is a detail of the first.
 LEAST_SHARE = 0.01
 # Something is left when the probes find this with a chance below it, and this share of the explainable.
-LEFT_P_VALUE = 1e-3
-LEFT_SHARE = 0.1
+LEFT_P_VALUE = 1e-4
+LEFT_SHARE = 0.004
+# Effects stay accepted beside something unexplained if they leave at most this share of the explainable.
+LEAST_EXPLAINED = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,6 +190,8 @@ class Search:
         kept, left = ranking[:SCREENED], ranking[SCREENED:]
         trials = self._trials(current, kept, WHITE)
         noise = trials[0].noise
+        if trials[0].fit is None:
+            return ()
         if noise.order:
             # The colour is that under the best candidate: what is missing colours the baseline's residual.
             trials = self._trials(current, kept, noise.polynomial)
@@ -222,7 +226,7 @@ class Search:
                 continue
             choices = (*current.choices, Choice(effect, form))
             fit = self.structure.fit(choices, self.rows, noise, current, effort=effort)
-            if not np.isfinite(fit.cost):
+            if not (np.isfinite(fit.cost) and np.isfinite(fit.output[self.rows | self.held_out]).all()):
                 continue
             own = self._noise(fit)
             criterion = self._criterion(fit, own)
@@ -366,10 +370,11 @@ class Search:
         left_p, left_share, floor = self._left(baseline, final, noise)
         accepted = self._order(fits)
         if left_p < LEFT_P_VALUE and left_share > LEFT_SHARE:
-            rungs = tuple(fits[: len(given)])
+            useful = left_share <= 1.0 - LEAST_EXPLAINED
+            rungs = tuple(fits if useful else fits[: len(given)])
             return Decision(
-                "unexplained", baseline, rungs, given, trials, (), noise, left_p, left_share, floor,
-                tuple(accepted), given,
+                "unexplained", baseline, rungs, tuple(accepted) if useful else given, trials, (), noise,
+                left_p, left_share, floor, tuple(accepted), given,
             )  # fmt: skip
         if NOISE_EFFECT in self.names and noise.order and self._noise_accepted(final, noise):
             accepted.append(NOISE_EFFECT)
@@ -421,7 +426,7 @@ class Search:
 
     def _residual(self, fit: StructureFit) -> Floats:
         with np.errstate(invalid="ignore"):
-            return np.where(np.isfinite(self.y), self.y - fit.output, 0.0)
+            return np.where(np.isfinite(self.y) & np.isfinite(fit.output), self.y - fit.output, 0.0)
 
     def _noise(self, fit: StructureFit) -> Noise:
         return noise_of(self._residual(fit), self.rows)
