@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.diagnosis.effects.base import Effect, Floats
-from sysid.diagnosis.evidence import ScoreScreen, block_separation, remainder, score_screen
+from sysid.diagnosis.evidence import ScoreScreen, block_separation, orthonormal, remainder, score_screen
 from sysid.diagnosis.noise import Noise, noise_of
 from sysid.diagnosis.structures import Choice, Structure, StructureFit, filtered
 
@@ -367,7 +367,7 @@ class Search:
     ) -> Decision:
         final = fits[-1] if fits else baseline
         noise, given = self._noise(final), tuple(effect.name for effect in self.given)
-        left_p, left_share, floor = self._left(baseline, final, noise)
+        left_p, left_share, floor = self._left(baseline, final)
         accepted = self._order(fits)
         if left_p < LEFT_P_VALUE and left_share > LEFT_SHARE:
             useful = left_share <= 1.0 - LEAST_EXPLAINED
@@ -391,22 +391,22 @@ class Search:
             names += [name for name in fit.names if name not in names]
         return names
 
-    def _left(self, baseline: StructureFit, final: StructureFit, noise: Noise) -> tuple[float, float, float]:
+    def _left(self, baseline: StructureFit, final: StructureFit) -> tuple[float, float, float]:
         """Return whether anything is left to explain, what share of the explainable it is, and the floor."""
-        rows = self.rows
-
-        def white(columns: Floats) -> Floats:
-            return filtered(columns, rows, noise.polynomial)
-
-        found = remainder(
-            white(self._residual(final)),
-            white(self.structure.tangent(final)),
-            white(self.structure.probes(final)),
+        rows, residual = self.rows, self._residual(final)
+        tangent, probes = self.structure.tangent(final), self.structure.probes(final)
+        # The colour is that of what the probes leave: an autoregression would swallow a periodic remainder.
+        columns = orthonormal(np.hstack([tangent[rows], probes[rows]]))
+        rest = np.zeros(residual.size)
+        rest[rows] = residual[rows] - columns @ (columns.T @ residual[rows])
+        colour = noise_of(rest, rows).polynomial
+        found = remainder(*(filtered(part, rows, colour) for part in (residual, tangent, probes)))
+        own = Noise(colour, 1.0, 0.0)
+        whole = self._cost(final, own)
+        gained = max(self._cost(baseline, own) - whole, 0.0)
+        floor = float(
+            np.sqrt(np.mean(residual[rows] ** 2) * max(1.0 - found.explained / max(whole, 1e-300), 0.0))
         )
-        gained = max(self._cost(baseline, noise) - self._cost(final, noise), 0.0)
-        whole = self._cost(final, noise)
-        plain = float(np.mean(self._residual(final)[rows] ** 2))
-        floor = float(np.sqrt(plain * max(1.0 - found.explained / max(whole, 1e-300), 0.0)))
         return found.p_value, found.explained / max(found.explained + gained, 1e-300), floor
 
     def _noise_accepted(self, fit: StructureFit, noise: Noise) -> bool:
