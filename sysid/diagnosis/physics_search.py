@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.physics_problem import Problem
+from sysid.diagnosis.physics_problem import Problem, finite
 from sysid.separable.descent import Minimum, Residual
 
 # Share of a strength's typical size at which its linear effect is measured.
@@ -27,7 +27,7 @@ class Tangent:
 
     def __init__(self, problem: Problem, point: Floats) -> None:
         with np.errstate(all="ignore"):
-            J = np.nan_to_num(problem.jacobian(point))
+            J = finite(problem.jacobian(point))
         J = J[:, np.linalg.norm(J, axis=0) > 0.0]
         scale = np.linalg.norm(J, axis=0)
         left, sizes, _ = np.linalg.svd(J / scale, full_matrices=False)
