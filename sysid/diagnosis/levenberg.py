@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.linear_chain import Chain, Data, Run
 
@@ -26,7 +27,7 @@ def minimise(
     start: Floats,
     noise: Floats,
     *,
-    free: Floats | None = None,
+    free: Mask | None = None,
     iterations: int = 30,
     tolerance: float = 1e-7,
 ) -> Minimum | None:
@@ -40,8 +41,8 @@ def minimise(
         Point to start from.
     noise : ndarray
         D(q) of the noise.
-    free : ndarray of int, optional
-        Positions of the parameters that may move; all by default.
+    free : ndarray of bool, optional
+        Which parameters may move; all by default.
     iterations : int
         Most Jacobians.
     tolerance : float
@@ -52,11 +53,12 @@ def minimise(
     run = chain.run(data, point)
     if run is None:
         return None
-    free = np.arange(point.size) if free is None else free
+    free = np.ones(point.size, dtype=bool) if free is None else free
+    identity = np.eye(int(free.sum()))
     error = chain.error(data, run, noise)
     cost, damping, small = float(error @ error), FIRST_DAMPING, 0
     for _ in range(iterations):
-        J = chain.slopes(data, point, run, noise)[free]
+        J = chain.slopes(data, point, run, noise, free)
         H, g = J @ J.T, J @ error
         scale = np.sqrt(np.diag(H))
         scale[scale == 0.0] = 1.0
@@ -66,7 +68,7 @@ def minimise(
         before = cost
         while damping < LARGEST_DAMPING:
             trial = point.copy()
-            trial[free] += np.linalg.solve(H + damping * np.eye(g.size), g) / scale
+            trial[free] += np.linalg.solve(H + damping * identity, g) / scale
             trial = np.clip(trial, lower, upper)
             tried = chain.run(data, trial)
             if tried is not None:

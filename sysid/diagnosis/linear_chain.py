@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats, Map
-from sysid.diagnosis.effects.laws import drive_of, no_drive
-from sysid.diagnosis.linear_kernels import chosen_filtered, driven, simulate, tangent
+from sysid.diagnosis.effects.laws import drive_of, no_drive, pointer_of
+from sysid.diagnosis.linear_kernels import chosen_filtered, driven, simulate, simulate_driven, tangent
 from sysid.diagnosis.structures import Choice
 from sysid.errors import UsageError
 
@@ -36,6 +37,11 @@ class Data:
     used: Mask
     begin: np.ndarray
     period: float
+
+    @cached_property
+    def all_used(self) -> bool:
+        """Whether every row is one of the fit."""
+        return bool(self.used.all())
 
     @property
     def n_experiments(self) -> int:
@@ -85,8 +91,11 @@ class Chain:
                 f"{len(drives)} forces are asked for in a linear model: take at most {MOST_DRIVES}"
             )
         self.drives = drives
+        self._bounds: dict[int, tuple[Floats, Floats]] = {}
+        self._places: dict[int, list[slice]] = {}
         compiled = [drive_of(choices[i].effect, choices[i].form) for i in drives]
-        self.laws = [*compiled, *[no_drive()] * (MOST_DRIVES - len(drives))]
+        laws = [*compiled, *[no_drive()] * (MOST_DRIVES - len(drives))] if drives else []
+        self.laws = [pointer_of(law) for law in laws]
 
     def n_linear(self, data: Data) -> int:
         """Return the number of parameters of the difference equation, starts included."""
@@ -95,10 +104,13 @@ class Chain:
 
     def places(self, data: Data) -> list[slice]:
         """Return where the parameters of each effect stand in a point."""
+        if data.n_experiments in self._places:
+            return self._places[data.n_experiments]
         place, found = self.n_linear(data), []
         for choice in self.choices:
             found.append(slice(place, place + len(choice.form.parameters)))
             place = found[-1].stop
+        self._places[data.n_experiments] = found
         return found
 
     def size(self, data: Data) -> int:
@@ -107,6 +119,8 @@ class Chain:
 
     def bounds(self, data: Data) -> tuple[Floats, Floats]:
         """Return lower and upper bounds of a point."""
+        if id(data) in self._bounds:
+            return self._bounds[id(data)]
         free = np.full(self.n_linear(data), np.inf)
         parameters = [p for c in self.choices for p in c.form.parameters]
         # A shape stays a little away from zero, where a relative step of its difference would vanish.
@@ -117,7 +131,8 @@ class Chain:
             for p in parameters
         ]
         upper = [p.maximum for p in parameters]
-        return np.concatenate([-free, lower]), np.concatenate([free, upper])
+        self._bounds[id(data)] = np.concatenate([-free, lower]), np.concatenate([free, upper])
+        return self._bounds[id(data)]
 
     def run(self, data: Data, point: Floats) -> Run | None:
         """Simulate; None if it diverges."""
@@ -126,14 +141,7 @@ class Chain:
         for i in self.at["input"]:
             x = data.by_experiment(_map(self.choices[i]), x, point[places[i]])
         z, v = np.empty_like(x), np.empty_like(x)
-        n, p = self.order, [np.ascontiguousarray(point[places[i]]) for i in self.drives]
-        p += [np.empty(0)] * (MOST_DRIVES - len(p))
-        constant = point[2 * n] if self.constant else 0.0
-        first, second = self.laws
-        if not simulate(
-            x, point[:n], point[n : 2 * n], constant, self._starts(data, point), data.begin, len(self.drives),
-            first, p[0], second, p[1], z, v,
-        ):  # fmt: skip
+        if not self._simulated(data, point, x, z, v):
             return None
         y = z
         for i in self.at["parallel"]:
@@ -143,14 +151,37 @@ class Chain:
             outputs.append(data.by_experiment(_map(self.choices[i]), outputs[-1], point[places[i]]))
         return Run(x, v, z, tuple(outputs))
 
+    def _simulated(self, data: Data, point: Floats, x: Floats, z: Floats, v: Floats) -> bool:
+        n, starts = self.order, self._starts(data, point)
+        constant = point[2 * n] if self.constant else 0.0
+        if not self.drives:
+            v[:] = x
+            return bool(simulate(x, point[:n], point[n : 2 * n], constant, starts, data.begin, z))
+        p, q = self._law_parameters(data, point)
+        return bool(
+            simulate_driven(
+                x, point[:n], point[n : 2 * n], constant, starts, data.begin, len(self.drives),
+                self.laws[0], p, self.laws[1], q, z, v,
+            )
+        )  # fmt: skip
+
+    def _law_parameters(self, data: Data, point: Floats) -> tuple[Floats, Floats]:
+        places = self.places(data)
+        p = [np.ascontiguousarray(point[places[i]]) for i in self.drives]
+        return p[0], p[1] if len(p) > 1 else np.empty(0)
+
     def _starts(self, data: Data, point: Floats) -> Floats:
         if not self.free_start:
             return np.zeros((data.n_experiments, self.order))
         first = 2 * self.order + int(self.constant)
         return np.ascontiguousarray(point[first : self.n_linear(data)]).reshape(-1, self.order)
 
-    def jacobian(self, data: Data, point: Floats, run: Run) -> Floats:
-        """Return the derivative of the output by the point, shape (n_parameters, n_rows)."""
+    def jacobian(self, data: Data, point: Floats, run: Run, free: Mask | None = None) -> Floats:
+        """Return the derivative of the output by the point, shape (n_parameters, n_rows).
+
+        Lines of parameters that are not ``free`` may be left at zero.
+        """
+        self._wanted = np.ones(point.size, dtype=bool) if free is None else free
         n, places, n_linear = self.order, self.places(data), self.n_linear(data)
         J = np.zeros((self.size(data), data.u.size))
         by_input, by_position, by_speed = self._drive_slopes(data, point, run)
@@ -165,10 +196,10 @@ class Chain:
         for (row, _), column in zip(moved, columns[n_linear:], strict=True):
             J[row] = column
         for i in self.at["parallel"]:
-            J[places[i]] = self._differences(data, i, data.u, point[places[i]])
+            J[places[i]] = self._differences(data, i, data.u, point)
         for i, before in zip(self.at["output"], run.outputs, strict=False):
             J = self._through(data, i, before, point[places[i]], J)
-            J[places[i]] = self._differences(data, i, before, point[places[i]])
+            J[places[i]] = self._differences(data, i, before, point)
         return J
 
     def _input_changes(self, data: Data, point: Floats) -> list[tuple[int, Floats]]:
@@ -177,6 +208,8 @@ class Chain:
         for i in self.at["input"]:
             place = self.places(data)[i]
             for row in range(place.start, place.stop):
+                if not self._wanted[row]:
+                    continue
 
                 def mapped(value: float, row: int = row) -> Floats:
                     shifted, x = point.copy(), data.u
@@ -193,6 +226,8 @@ class Chain:
         for i in self.drives:
             place = self.places(data)[i]
             for row in range(place.start, place.stop):
+                if not self._wanted[row]:
+                    continue
 
                 def acting(value: float, row: int = row) -> Floats:
                     shifted = point.copy()
@@ -215,17 +250,16 @@ class Chain:
         return slopes[0], slopes[1], slopes[2]
 
     def _driven(self, data: Data, point: Floats, run: Run, du: float, dz: float, dv: float) -> Floats:
-        p = [np.ascontiguousarray(point[self.places(data)[i]]) for i in self.drives]
-        p += [np.empty(0)] * (MOST_DRIVES - len(p))
+        p, q = self._law_parameters(data, point)
         first, second = self.laws
-        return np.asarray(
-            driven(run.x, run.z, data.begin, len(self.drives), first, p[0], second, p[1], du, dz, dv)
-        )
+        return np.asarray(driven(run.x, run.z, data.begin, len(self.drives), first, p, second, q, du, dz, dv))
 
-    def _differences(self, data: Data, i: int, sequence: Floats, p: Floats) -> Floats:
+    def _differences(self, data: Data, i: int, sequence: Floats, point: Floats) -> Floats:
         """Return the change of a map's result with each of its parameters."""
-        lines = np.empty((p.size, sequence.size))
-        for j in range(p.size):
+        place = self.places(data)[i]
+        p = point[place]
+        lines = np.zeros((p.size, sequence.size))
+        for j in np.flatnonzero(self._wanted[place]).tolist():
 
             def mapped(value: float, j: int = j) -> Floats:
                 shifted = p.copy()
@@ -251,11 +285,17 @@ class Chain:
 
     def error(self, data: Data, run: Run, noise: Floats) -> Floats:
         """Return the filtered error of a run on the used rows."""
-        return np.asarray(chosen_filtered((data.y - run.y)[np.newaxis], data.used, data.begin, noise)[0])
+        return self._filtered(data, (data.y - run.y)[np.newaxis], noise)[0]
 
-    def slopes(self, data: Data, point: Floats, run: Run, noise: Floats) -> Floats:
-        """Return the filtered derivative of the output on the used rows, shape (n_parameters, n_used)."""
-        return np.asarray(chosen_filtered(self.jacobian(data, point, run), data.used, data.begin, noise))
+    def slopes(self, data: Data, point: Floats, run: Run, noise: Floats, free: Mask | None = None) -> Floats:
+        """Return the filtered derivative by the free parameters, shape (n_free, n_used)."""
+        J = self.jacobian(data, point, run, free)
+        return self._filtered(data, J if free is None else J[free], noise)
+
+    def _filtered(self, data: Data, lines: Floats, noise: Floats) -> Floats:
+        if noise.size == 1 and data.all_used:
+            return lines
+        return np.asarray(chosen_filtered(lines, data.used, data.begin, noise))
 
 
 _PORTS = ("input", "output", "force", "gain", "parallel", "noise")

@@ -34,12 +34,30 @@ def _with_drives(*signature: Any) -> Any:
     return decorate
 
 
+@compiled
+def simulate(x: Floats, a: Floats, b: Floats, constant: float, start: Floats, begin: Any, z: Floats) -> bool:
+    """Fill ``z`` where nothing is fed back; return False if the run diverges."""
+    order = a.shape[0]
+    for e in range(begin.shape[0] - 1):
+        for k in range(begin[e], begin[e + 1]):
+            age = k - begin[e]
+            value = constant
+            for i in range(1, min(order, age) + 1):
+                value += b[i - 1] * x[k - i] - a[i - 1] * z[k - i]
+            if age < order:
+                value += start[e, age]
+            if not abs(value) < LARGEST:
+                return False
+            z[k] = value
+    return True
+
+
 @_with_drives(
     types.boolean(
         _row, _row, _row, _number, _matrix, _index, types.int64, _drive, _row, _drive, _row, _row, _row
     )
 )
-def simulate(
+def simulate_driven(
     x: Floats,
     a: Floats,
     b: Floats,
@@ -117,19 +135,29 @@ def tangent(
     by_speed: Floats,
     inputs: Floats,
 ) -> Floats:
-    """Return dz by a, b, the constant, the starts and changes ``inputs`` of v, shape (n_columns, n_rows)."""
+    """Return dz by a, b, the constant, the starts and changes ``inputs`` of v, shape (n_columns, n_rows).
+
+    Without feedback the derivatives by a1, a2, ... are one filtered signal, shifted; those by b, too.
+    """
     order, n_experiments, n_inputs = a.shape[0], begin.shape[0] - 1, inputs.shape[0]
-    n_own = 2 * order + int(with_constant) + (n_experiments * order if with_start else 0)
-    out = np.zeros((n_own + n_inputs, z.shape[0]))
     first_start = 2 * order + int(with_constant)
-    changed = np.empty(z.shape[0])
+    n_own = first_start + (n_experiments * order if with_start else 0)
+    out = np.zeros((n_own + n_inputs, z.shape[0]))
+    changed = np.zeros(z.shape[0])
     for column in range(n_own + n_inputs):
         d = out[column]
+        shifted = not feedback and column < 2 * order and column % order > 0
         for e in range(n_experiments):
-            if first_start <= column < n_own and (column - first_start) // order != e:
+            first, last = begin[e], begin[e + 1]
+            if shifted:
+                before = out[column - 1]
+                for k in range(first + 1, last):
+                    d[k] = before[k - 1]
                 continue
-            for k in range(begin[e], begin[e + 1]):
-                age = k - begin[e]
+            if column >= first_start and column < n_own and (column - first_start) // order != e:
+                continue
+            for k in range(first, last):
+                age = k - first
                 value = 0.0
                 if column < order:
                     if age > column:
@@ -145,15 +173,12 @@ def tangent(
                 if feedback or column >= n_own:
                     for i in range(1, lags + 1):
                         value += b[i - 1] * changed[k - i]
+                    changed[k] = inputs[column - n_own, k] if column >= n_own else 0.0
+                    if feedback:
+                        changed[k] += by_position[k] * value
+                        if age > 0:
+                            changed[k] += by_speed[k] * (value - d[k - 1])
                 d[k] = value
-                if column >= n_own:
-                    changed[k] = inputs[column - n_own, k]
-                else:
-                    changed[k] = 0.0
-                if feedback:
-                    changed[k] += by_position[k] * value
-                    if age > 0:
-                        changed[k] += by_speed[k] * (value - d[k - 1])
     return out
 
 

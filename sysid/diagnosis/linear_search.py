@@ -35,7 +35,8 @@ class EffectSearch:
         self.form = chain.choices[-1].form
         self.shapes = np.array(self.form.shapes, dtype=np.intp) + self.place.start
         size = chain.size(data)
-        self.others = np.setdiff1d(np.arange(size), self.shapes)
+        self.others = np.ones(size, dtype=bool)
+        self.others[self.shapes] = False
         grids = self.form.starts(data.u, data.y[data.used], data.period)
         lower, upper = chain.bounds(data)
         self.grids = [
@@ -86,16 +87,27 @@ class EffectSearch:
             moved = self.found[nearest].point.copy()
             moved[self.shapes] = shapes
             points.append(moved)
-        results = []
-        for point in points:
-            results.append(
-                minimise(self.chain, self.data, point, self.noise, free=self.others, iterations=iterations)
-            )
-        ranked = _ranked(results)
-        if not ranked:
+        start = self._better(points)
+        if start is None:
             return None
-        self.found[shapes] = ranked[0]
-        return ranked[0]
+        end = minimise(self.chain, self.data, start, self.noise, free=self.others, iterations=iterations)
+        if end is not None:
+            self.found[shapes] = end
+        return end
+
+    def _better(self, points: list[Floats]) -> Floats | None:
+        """Return the point of least cost as it is; None if all diverge."""
+        if len(points) == 1:
+            return points[0]
+        best, least = None, np.inf
+        for point in points:
+            run = self.chain.run(self.data, point)
+            if run is not None:
+                error = self.chain.error(self.data, run, self.noise)
+                cost = float(error @ error)
+                if cost < least:
+                    best, least = point, cost
+        return best
 
     def _distance(self, a: tuple[float, ...], b: tuple[float, ...]) -> float:
         spans = [float(np.ptp(grid)) or 1.0 for grid in self.grids]

@@ -93,8 +93,8 @@ class LinearStructure:
         point[: 2 * self.order] = np.concatenate([fit.a[1:], fit.b[0]])
         if chain.constant:
             point[2 * self.order] = fit.constant
-        free = np.arange(2 * self.order, point.size)
-        minimum = minimise(chain, data, point, WHITE, free=free, iterations=3) if free.size else None
+        free = np.arange(point.size) >= 2 * self.order
+        minimum = minimise(chain, data, point, WHITE, free=free, iterations=3) if free.any() else None
         minimum = minimise(chain, data, point if minimum is None else minimum.point, WHITE)
         if minimum is None:
             raise DataError("the baseline diverges in simulation: give another --order")
@@ -185,7 +185,8 @@ class LinearStructure:
             if not choice.form.smooth
             for i in choice.form.shapes
         ]
-        free = np.setdiff1d(np.arange(point.size), held)
+        free = np.ones(point.size, dtype=bool)
+        free[held] = False
         return minimise(chain, data, point, noise, free=free, iterations=40)
 
     def finish(self, fit: StructureFit, noise: Floats) -> StructureFit:
@@ -345,7 +346,9 @@ class LinearStructure:
         own = np.concatenate(starts) if self.free_start else np.empty(0)
         full = np.concatenate([point[:shared], own, point[chain.n_linear(data) :]])
         if self.free_start and other and used.any():
-            end = minimise(chain, whole, full, WHITE, free=np.array(other), iterations=4)
+            free = np.zeros(full.size, dtype=bool)
+            free[other] = True
+            end = minimise(chain, whole, full, WHITE, free=free, iterations=4)
             full = full if end is None else end.point
         run = chain.run(whole, full)
         return np.full(self.record.n_samples, np.inf) if run is None else run.y

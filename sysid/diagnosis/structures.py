@@ -190,6 +190,11 @@ def filtered(columns: Floats, rows: Mask, noise: Floats) -> Floats:
     index = np.flatnonzero(rows)
     # Position of each row within its run.
     breaks = np.flatnonzero(np.diff(index, prepend=index[:1] - 2) != 1)
+    if breaks.size == 1:
+        single = chosen.copy()
+        for lag in range(1, noise.size):
+            single[lag:] += noise[lag] * chosen[:-lag]
+        return single
     position = np.arange(index.size) - np.repeat(breaks, np.diff(np.append(breaks, index.size)))
     out = chosen.copy()
     for lag in range(1, noise.size):

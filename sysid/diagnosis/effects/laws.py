@@ -34,6 +34,29 @@ def drive_of(effect: Effect, form: Form) -> Drive:
 
 
 @lru_cache(maxsize=256)
+def pointer_of(drive: Drive) -> Any:
+    """Return a drive as kernels take it: by its address, looked up once."""
+    from numba.experimental.function_type import _get_wrapper_address
+    from numba.types import WrapperAddressProtocol
+
+    signature = drive_signature()
+    address = _get_wrapper_address(drive, signature)
+
+    class Pointer(WrapperAddressProtocol):  # type: ignore[misc]
+        """The address of a compiled drive, which it keeps alive."""
+
+        law = drive
+
+        def __wrapper_address__(self) -> int:
+            return int(address)
+
+        def signature(self) -> Any:
+            return signature
+
+    return Pointer()
+
+
+@lru_cache(maxsize=256)
 def _drive(port: str, expression: str, names: tuple[str, ...]) -> Drive:
     text = _source(expression, {"x": "x", "y": "x", "v": "v"}, names)
     change = f"u - {text}" if port == "force" else f"u * {text}"
