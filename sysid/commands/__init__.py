@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from sysid.commands import data_arguments, effects_arguments, models_arguments, replicate_arguments
 from sysid.diagnosis import command as compare
+from sysid.diagnosis import diagnose_command as diagnose
 
 Run = Callable[[argparse.Namespace], int]
 
@@ -62,6 +63,14 @@ COMMANDS = (
         "sysid compare motor.csv --input u --output y --period 0.01 --split-column set",
         compare.add_arguments,
         lambda: compare.run,
+    ),
+    Command(
+        "diagnose",
+        diagnose.HELP,
+        diagnose.DESCRIPTION,
+        diagnose.EXAMPLE,
+        diagnose.add_arguments,
+        lambda: diagnose.run,
     ),
     Command(
         "data",

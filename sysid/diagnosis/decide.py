@@ -1,7 +1,7 @@
 """The decision: which effects a model lacks, on evidence that all must agree."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -76,6 +76,14 @@ class Decision:
         Colour of the final residual.
     left_p_value, left_share : float
         Whether anything is left: chance, and share of the explainable squared error.
+    floor : float
+        Root mean square of what neither the final model nor any probe explains.
+    rejected : tuple of str
+        What came closest where nothing explains.
+    given : tuple of str
+        Effects that were asked for whatever the evidence.
+    experiment : str
+        Which experiment would break a tie.
     """
 
     verdict: str
@@ -87,7 +95,10 @@ class Decision:
     noise: Noise
     left_p_value: float
     left_share: float
-    rejected: tuple[str, ...] = field(default=())
+    floor: float
+    rejected: tuple[str, ...] = ()
+    given: tuple[str, ...] = ()
+    experiment: str = ""
 
 
 class Search:
@@ -102,6 +113,8 @@ class Search:
         Largest chance of naming an effect where none is missing.
     max_effects : int
     seed : int
+    given : sequence of Effect
+        Effects that are in the model whatever the evidence.
     """
 
     def __init__(
@@ -112,10 +125,15 @@ class Search:
         alpha: float = 0.01,
         max_effects: int = 3,
         seed: int = 0,
+        given: Sequence[Effect] = (),
     ) -> None:
         self.structure, self.alpha, self.max_effects, self.seed = structure, alpha, max_effects, seed
         self.names = [effect.name for effect in effects]
-        self.candidates = [e for e in structure.offered(effects) if e.port != "noise"]
+        self.given = structure.offered(given)
+        given_names = [effect.name for effect in self.given]
+        self.candidates = [
+            e for e in structure.offered(effects) if e.port != "noise" and e.name not in given_names
+        ]
         self.rows, self.held_out = structure.record.estimation, structure.record.validation
         self.y = structure.record.y[:, 0]
 
@@ -123,22 +141,40 @@ class Search:
         """Name what is missing."""
         baseline = self.structure.baseline(self.rows)
         if not baseline.restarts_agree:
-            return Decision("not-identifiable", baseline, (), (), (), (), self._noise(baseline), 1.0, 0.0)
-        fits: list[StructureFit] = []
-        current, trials, tie = baseline, (), ()
-        while len(fits) < self.max_effects:
-            found = self._round(current, bool(fits))
-            if not fits:
+            unknown = float("nan")
+            return Decision(
+                "not-identifiable", baseline, (), (), (), (), self._noise(baseline), 1.0, 0.0, unknown
+            )
+        fits = self._given_fits(baseline)
+        n_given = len(fits)
+        trials: tuple[Trial, ...] = ()
+        tie: tuple[str, ...] = ()
+        while len(fits) < self.max_effects + n_given:
+            current = fits[-1] if fits else baseline
+            further = len(fits) > n_given
+            found = self._round(current, further)
+            if not further:
                 trials = found
             best = found[0] if found else None
-            if best is None or best.fit is None or not self._accepted(best, current, baseline, bool(fits)):
+            if best is None or best.fit is None or not self._accepted(best, current, baseline, further):
                 break
-            if not fits:
+            if not further:
                 tie = self._tied(found)
-            current = self._exchanged(best.fit, baseline) if fits else best.fit
-            current = self._pruned(current, baseline)
-            fits = self._rungs(current, baseline)
+            grown = self._pruned(self._exchanged(best.fit, n_given), n_given) if further else best.fit
+            if len(grown.choices) <= len(current.choices) and self._criterion(grown) >= self._criterion(
+                current
+            ):
+                break
+            fits = self._rungs(grown, baseline, n_given)
         return self._verdict(baseline, fits, trials, tie)
+
+    def _given_fits(self, baseline: StructureFit) -> list[StructureFit]:
+        fits: list[StructureFit] = []
+        for effect in self.given:
+            trial = self._fitted(fits[-1] if fits else baseline, effect, effect.forms, WHITE, 2)
+            if trial.fit is not None:
+                fits.append(trial.fit)
+        return fits
 
     def _round(self, current: StructureFit, further: bool) -> tuple[Trial, ...]:
         """Try every candidate beside the effects of a fit; return them best first."""
@@ -246,9 +282,9 @@ class Search:
         step = self._cost(current, Noise(WHITE, 0.0, 0.0)) - self._cost(trial.fit, Noise(WHITE, 0.0, 0.0))
         return step > LEAST_SHARE * whole
 
-    def _exchanged(self, fit: StructureFit, baseline: StructureFit) -> StructureFit:
+    def _exchanged(self, fit: StructureFit, n_given: int) -> StructureFit:
         """Try to replace each earlier effect by another: the first was chosen before the others."""
-        for position in range(len(fit.choices) - 1):
+        for position in range(n_given, len(fit.choices) - 1):
             others = tuple(c for i, c in enumerate(fit.choices) if i != position)
             noise = self._noise(fit).polynomial
             without = self.structure.fit(others, self.rows, noise, fit, effort=0)
@@ -257,15 +293,15 @@ class Search:
                 fit = trials[0].fit
         return fit
 
-    def _pruned(self, fit: StructureFit, baseline: StructureFit) -> StructureFit:
+    def _pruned(self, fit: StructureFit, n_given: int) -> StructureFit:
         """Leave out effects that the information criterion does not want any more."""
-        while len(fit.choices) > 1:
+        while len(fit.choices) > max(n_given, 1):
             noise = self._noise(fit).polynomial
             smaller = [
                 self.structure.fit(
                     tuple(c for c in fit.choices if c is not left), self.rows, noise, fit, effort=0
                 )
-                for left in fit.choices
+                for left in fit.choices[n_given:]
             ]
             best = min(smaller, key=self._criterion)
             if self._criterion(best) > self._criterion(fit):
@@ -273,22 +309,34 @@ class Search:
             fit = best
         return fit
 
-    def _rungs(self, fit: StructureFit, baseline: StructureFit) -> list[StructureFit]:
+    def _rungs(self, fit: StructureFit, baseline: StructureFit, n_given: int) -> list[StructureFit]:
         """Return fits with one, two, ... of the effects, the one that explains most first."""
-        chosen: list[Choice] = []
+        chosen, rest = list(fit.choices[:n_given]), list(fit.choices[n_given:])
         rungs: list[StructureFit] = []
-        rest = list(fit.choices)
+        for count in range(1, n_given + 1):
+            rungs.append(self.structure.fit(chosen[:count], self.rows, WHITE, baseline, effort=1))
         while len(rest) > 1:
+            start = rungs[-1] if rungs else baseline
             options = [
-                self.structure.fit(
-                    (*chosen, choice), self.rows, WHITE, rungs[-1] if rungs else baseline, effort=1
-                )
-                for choice in rest
+                self.structure.fit((*chosen, choice), self.rows, WHITE, start, effort=1) for choice in rest
             ]
             best = int(np.argmin([option.cost for option in options]))
             chosen.append(rest.pop(best))
             rungs.append(options[best])
-        return [*rungs, fit]
+        return [*rungs, fit] if rest else rungs
+
+    def rungs_of(self, decision: Decision, kept: Sequence[str]) -> list[StructureFit]:
+        """Return the fits with one, two, ... of the kept effects."""
+        if not decision.fits or not kept:
+            return []
+        if len(kept) == len(decision.fits):
+            return list(decision.fits)
+        choices = [c for c in decision.fits[-1].choices if c.name in kept]
+        fits, current = [], decision.baseline
+        for count in range(1, len(choices) + 1):
+            current = self.structure.fit(choices[:count], self.rows, WHITE, current, effort=2)
+            fits.append(current)
+        return fits
 
     def _tied(self, trials: Sequence[Trial]) -> tuple[str, ...]:
         """Return the first candidate with those that a paired block test cannot tell from it."""
@@ -314,23 +362,32 @@ class Search:
         tie: tuple[str, ...],
     ) -> Decision:
         final = fits[-1] if fits else baseline
-        noise = self._noise(final)
-        left_p, left_share = self._left(baseline, final, noise)
-        unexplained = left_p < LEFT_P_VALUE and left_share > LEFT_SHARE
-        accepted = [c.name for c in fits[-1].choices] if fits else []
-        if unexplained:
+        noise, given = self._noise(final), tuple(effect.name for effect in self.given)
+        left_p, left_share, floor = self._left(baseline, final, noise)
+        accepted = self._order(fits)
+        if left_p < LEFT_P_VALUE and left_share > LEFT_SHARE:
+            rungs = tuple(fits[: len(given)])
             return Decision(
-                "unexplained", baseline, (), (), trials, (), noise, left_p, left_share, tuple(accepted)
-            )
+                "unexplained", baseline, rungs, given, trials, (), noise, left_p, left_share, floor,
+                tuple(accepted), given,
+            )  # fmt: skip
         if NOISE_EFFECT in self.names and noise.order and self._noise_accepted(final, noise):
             accepted.append(NOISE_EFFECT)
         verdict = "missing-effect" if fits else ("coloured-noise" if accepted else "nothing-missing")
         return Decision(
-            verdict, baseline, tuple(fits), tuple(accepted), trials, tie, noise, left_p, left_share
-        )
+            verdict, baseline, tuple(fits), tuple(accepted), trials, tie, noise, left_p, left_share, floor,
+            (), given,
+        )  # fmt: skip
 
-    def _left(self, baseline: StructureFit, final: StructureFit, noise: Noise) -> tuple[float, float]:
-        """Return whether anything is left to explain, and what share of the explainable it is."""
+    def _order(self, fits: Sequence[StructureFit]) -> list[str]:
+        """Return the accepted effects in the order of the rungs."""
+        names: list[str] = []
+        for fit in fits:
+            names += [name for name in fit.names if name not in names]
+        return names
+
+    def _left(self, baseline: StructureFit, final: StructureFit, noise: Noise) -> tuple[float, float, float]:
+        """Return whether anything is left to explain, what share of the explainable it is, and the floor."""
         rows = self.rows
 
         def white(columns: Floats) -> Floats:
@@ -342,7 +399,10 @@ class Search:
             white(self.structure.probes(final)),
         )
         gained = max(self._cost(baseline, noise) - self._cost(final, noise), 0.0)
-        return found.p_value, found.explained / max(found.explained + gained, 1e-300)
+        whole = self._cost(final, noise)
+        plain = float(np.mean(self._residual(final)[rows] ** 2))
+        floor = float(np.sqrt(plain * max(1.0 - found.explained / max(whole, 1e-300), 0.0)))
+        return found.p_value, found.explained / max(found.explained + gained, 1e-300), floor
 
     def _noise_accepted(self, fit: StructureFit, noise: Noise) -> bool:
         """Tell whether the residual's memory is real: on held-out rows it must lower the innovations."""

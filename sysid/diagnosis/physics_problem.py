@@ -113,7 +113,9 @@ class Problem:
         self.target = filtered(np.where(rows, record.y[:, 0], 0.0), rows, noise)
         counts = [len(choice.form.parameters) for choice in self.choices]
         n = len(setting.searched)
-        self.effect_places = [slice(n + sum(counts[:i]), n + sum(counts[: i + 1])) for i in range(len(counts))]
+        self.effect_places = [
+            slice(n + sum(counts[:i]), n + sum(counts[: i + 1])) for i in range(len(counts))
+        ]
         self.n_model, self.n_effects = n, sum(counts)
         self.n_starts = setting.plant.order * len(self.parts) if self.free_start else 0
         self.held = np.zeros(self.size, dtype=bool)
@@ -219,7 +221,9 @@ class Problem:
             out = outputs.copy()
             for run in self.runs:
                 for lag in range(1, min(self.noise.size, run.stop - run.start)):
-                    out[:, run.start + lag : run.stop] += self.noise[lag] * outputs[:, run.start : run.stop - lag]
+                    out[:, run.start + lag : run.stop] += (
+                        self.noise[lag] * outputs[:, run.start : run.stop - lag]
+                    )
         return np.asarray(out - self.target)
 
     def residual(self, point: Floats) -> Floats:
@@ -236,9 +240,7 @@ class Problem:
         """Return the point and copies with one unknown moved in each, and how far."""
         lower, upper = self.bounds
         step = DIFFERENCE * np.maximum(np.abs(point), SMALLEST_SHARE * self.sizes)
-        step[: self.n_model] = np.where(
-            self.setting.positive, DIFFERENCE, step[: self.n_model]
-        )
+        step[: self.n_model] = np.where(self.setting.positive, DIFFERENCE, step[: self.n_model])
         step = np.where(point + step > upper, -step, step)
         points = np.tile(point, (1 + len(columns), 1))
         for lane, column in enumerate(columns):
@@ -278,5 +280,3 @@ def _logarithm(parameter: Parameter, value: float, unbounded: float) -> float:
         return value
     with np.errstate(divide="ignore"):
         return float(np.clip(np.log(value), -LARGEST_LOGARITHM, LARGEST_LOGARITHM)) if value else unbounded
-
-

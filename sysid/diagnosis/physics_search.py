@@ -147,7 +147,9 @@ def _with_strengths(
         probes[j::count, place] = probe[j]
     plain = points.copy()
     responses = in_lanes(problem, probes)
-    starts = in_lanes(problem, plain) if points.shape[0] > 1 or not np.isfinite(error).all() else error[np.newaxis]
+    starts = (
+        in_lanes(problem, plain) if points.shape[0] > 1 or not np.isfinite(error).all() else error[np.newaxis]
+    )
     found = []
     for number, point in enumerate(points):
         at_zero = starts[number]
@@ -169,7 +171,9 @@ def _with_strengths(
     return np.array(found) if found else points
 
 
-def refined(problem: Problem, minimum: Minimum[Residual], evaluations: int, tolerance: float) -> Minimum[Residual]:
+def refined(
+    problem: Problem, minimum: Minimum[Residual], evaluations: int, tolerance: float
+) -> Minimum[Residual]:
     """Search the shape parameters on which the output depends by jumps: scan, descend, scan closer."""
     jumping = [
         place.start + j

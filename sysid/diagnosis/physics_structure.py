@@ -1,6 +1,6 @@
 """Physical models as diagnosis sees them: fitted with effects, by their free run."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -152,9 +152,7 @@ class PhysicsStructure:
         ends[0] = refined(problem, ends[0], EVALUATIONS[1], TOLERANCES[effort])
         return ends
 
-    def _centres(
-        self, problem: Problem, before: Problem, known: Floats, new: Sequence[int]
-    ) -> list[Floats]:
+    def _centres(self, problem: Problem, before: Problem, known: Floats, new: Sequence[int]) -> list[Floats]:
         """Return the points without the new effects around which these are searched."""
         centres = [known]
         nominal = known.copy()
@@ -261,7 +259,9 @@ class PhysicsStructure:
     def _new_experiment(self, problem: Problem, x: Floats, part: slice) -> Floats:
         """Return the free run of an experiment that has no rows in the fit."""
         y = self.record.y[part, 0]
-        used, count = first_rows(y, self.record.skip.get(str(self.record.split[part][0]), 0), self.plant.order)
+        used, count = first_rows(
+            y, self.record.skip.get(str(self.record.split[part][0]), 0), self.plant.order
+        )
         own = problem.n_model + problem.n_effects
         if not count:
             return problem.run(part, x[np.newaxis], None)[0]
@@ -373,5 +373,3 @@ def _first_rows(rows: Mask, count: int) -> Mask:
     chosen = rows.copy()
     chosen[np.flatnonzero(rows)[count:]] = False
     return chosen
-
-
