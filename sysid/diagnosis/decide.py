@@ -183,7 +183,7 @@ class Search:
         candidates = [e for e in self.candidates if e.name not in current.names]
         if not candidates:
             return ()
-        screen = self._screen(current, candidates, self._noise(current))
+        screen = self._screen(current, candidates, self._colour(current))
         if further and screen.p_value(max(screen.statistics.values())) >= self.alpha:
             return ()  # the residual holds no structure any more
         ranking = sorted(candidates, key=lambda e: -screen.statistics[e.name])
@@ -395,11 +395,7 @@ class Search:
         """Return whether anything is left to explain, what share of the explainable it is, and the floor."""
         rows, residual = self.rows, self._residual(final)
         tangent, probes = self.structure.tangent(final), self.structure.probes(final)
-        # The colour is that of what the probes leave: an autoregression would swallow a periodic remainder.
-        columns = orthonormal(np.hstack([tangent[rows], probes[rows]]))
-        rest = np.zeros(residual.size)
-        rest[rows] = residual[rows] - columns @ (columns.T @ residual[rows])
-        colour = noise_of(rest, rows).polynomial
+        colour = self._colour(final, tangent, probes).polynomial
         found = remainder(*(filtered(part, rows, colour) for part in (residual, tangent, probes)))
         own = Noise(colour, 1.0, 0.0)
         whole = self._cost(final, own)
@@ -418,6 +414,21 @@ class Search:
         )
         plain = self._held_out_error(fit, WHITE)
         return p_value < self.alpha and noise.gain > 0 and self._held_out_error(fit, noise.polynomial) < plain
+
+    def _colour(
+        self, fit: StructureFit, tangent: Floats | None = None, probes: Floats | None = None
+    ) -> Noise:
+        """Return the colour of what the probes leave of a residual.
+
+        The residual's own autoregression would swallow a drift or a periodic remainder.
+        """
+        rows, residual = self.rows, self._residual(fit)
+        tangent = self.structure.tangent(fit) if tangent is None else tangent
+        probes = self.structure.probes(fit) if probes is None else probes
+        columns = orthonormal(np.hstack([tangent[rows], probes[rows]]))
+        rest = np.zeros(residual.size)
+        rest[rows] = residual[rows] - columns @ (columns.T @ residual[rows])
+        return noise_of(rest, rows)
 
     def _refitted(self, fit: StructureFit, noise: Noise) -> StructureFit:
         if noise.order == 0:
