@@ -277,14 +277,21 @@ class Search:
             trial.p_value < self.alpha
             and trial.gain > 0.0
             and trial.validation < self._held_out_error(current, WHITE)
-            and trial.innovation
-            < self._held_out_error(self._refitted(current, trial.noise), trial.noise.polynomial)
+            and self._foreseen_as_well(trial, current)
         )
         if not agreed or not further:
             return agreed
         whole = self._cost(baseline, Noise(WHITE, 0.0, 0.0)) - self._cost(trial.fit, Noise(WHITE, 0.0, 0.0))
         step = self._cost(current, Noise(WHITE, 0.0, 0.0)) - self._cost(trial.fit, Noise(WHITE, 0.0, 0.0))
         return step > LEAST_SHARE * whole
+
+    def _foreseen_as_well(self, trial: Trial, current: StructureFit) -> bool:
+        """Tell whether the held-out innovations do not rise by more than chance."""
+        assert trial.fit is not None
+        noise = trial.noise.polynomial
+        before = filtered(self._residual(self._refitted(current, trial.noise)), self.held_out, noise)
+        after = filtered(self._residual(trial.fit), self.held_out, noise)
+        return block_separation(before, after) < TIED
 
     def _exchanged(self, fit: StructureFit, n_given: int) -> StructureFit:
         """Try to replace each earlier effect by another: the first was chosen before the others."""
