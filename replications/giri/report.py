@@ -1,0 +1,408 @@
+"""Tables and sentences of the chapter, made from the results; the notebook calls these."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from replications.errata import show_errata
+from replications.giri import setting
+from replications.giri.convergence import OUTPUT_UNITS, RADII, STEPS, TARGETS
+from replications.giri.disturbance import KINDS
+from replications.giri.figures import (
+    block_diagram,
+    disturbance,
+    excitation,
+    figure_3a,
+    figure_3b,
+    precision,
+    segment_map,
+)
+from replications.giri.precision import METHODS, NOISES, SIZES
+from sysid.reporting import display
+from sysid.reporting.display import Display, Markdown
+
+__all__ = [
+    "block_diagram", "confirmed", "convergence", "disturbance", "disturbance_table", "errata", "excitation",
+    "excitation_table", "figure_3a", "figure_3b", "identifiability", "precision", "precision_tables",
+    "proposition_4_1", "segment_map", "settings", "studies", "theta_star",
+]  # fmt: skip
+
+Results = Mapping[str, Any]
+
+
+def _numbers(results: Results) -> Mapping[str, float]:
+    numbers: Mapping[str, float] = results["papers"]["giri"]["numbers"]
+    return numbers
+
+
+def theta_star(results: Results) -> Display:
+    """Show theta*: exact, and as printed."""
+    numbers = _numbers(results)
+    names = [name for name in numbers if name.startswith("theta-star/") and "difference" not in name]
+    printed = dict(zip(names, setting.PRINTED_THETA, strict=True))
+    printed["theta-star/a1"], printed["theta-star/a2"] = printed["theta-star/a2"], printed["theta-star/a1"]
+    rows = [
+        [
+            Markdown(_symbol(name.removeprefix("theta-star/"))),
+            display.number(numbers[name], digits=8),
+            printed[name],
+        ]
+        for name in names
+    ]
+    difference = numbers["theta-star/difference_from_print"]
+    return display.group(
+        display.table(
+            rows,
+            ["", "exact", "printed"],
+            caption=r"The vector $\theta^*$ of the example in the order of (3.8c).",
+            align="crr",
+        ),
+        display.prose(
+            "The print lists $a_2$ before $a_1$, cuts the decimals off instead of rounding, and keeps "
+            r"$b = (1, -2)$, which does not satisfy the paper's normalisation (3.10). Listed in that way our "
+            f"vector differs from the printed one by {display.number(difference)}."
+        ),
+    )
+
+
+def convergence(results: Results) -> Display:
+    """Show rate, what averaging makes of it, and the periods needed."""
+    numbers = _numbers(results)
+    rows: list[list[object]] = [
+        [
+            "rate per period: eigenvalue of the period's map",
+            display.number(numbers["rate_per_period"], digits=7),
+        ],
+        [
+            "rate per period: fitted to a simulated run",
+            display.number(numbers["rate_per_period/simulated"], digits=7),
+        ],
+        [
+            "rate per period: promised by the averaged matrix",
+            display.number(numbers["rate_from_averaged_matrix"], digits=7),
+        ],
+        *(
+            [f"periods to a relative error of {target}", display.number(numbers[f"periods_to_{target}"])]
+            for target in TARGETS
+        ),
+        ["samples to 1e-6 by recursive least squares", display.number(numbers["rls_samples_to_1e-6"])],
+        [
+            "rate per period of Kaczmarz's method",
+            display.number(numbers["kaczmarz/rate_per_period"], digits=5),
+        ],
+    ]
+    exact, averaged = numbers["time_constant"], numbers["time_constant/averaged"]
+    return display.group(
+        display.table(
+            rows,
+            ["", "value"],
+            caption=r"Speed of the printed algorithm on the example ($z = 0$, zero start, $\rho^*$ large). "
+            "Least squares: $P_0 = 10^6 I$, nothing forgotten.",
+            align="lr",
+        ),
+        display.prose(
+            f"The slowest direction shrinks by a factor e in {exact:.0f} periods. The averaged information "
+            f"matrix says {averaged:.0f}: each step of (4.1) nearly removes the part of the error along its "
+            "regressor, so the steps are far from small and their order matters."
+        ),
+    )
+
+
+def settings(results: Results) -> Display:
+    """Show the effect of step, projection radius and unit of the output."""
+    numbers = _numbers(results)
+    steps = [[step, numbers[f"step/{step:g}/rate"], numbers[f"step/{step:g}/averaged"]] for step in STEPS]
+    radii = [
+        [radius, numbers[f"radius/{radius:g}/periods_to_1e-2"], numbers[f"radius/{radius:g}/last_error"]]
+        for radius in RADII
+    ]
+    units = [
+        [
+            unit,
+            numbers[f"output-unit/{unit:g}/rate"],
+            numbers[f"output-unit/{unit:g}/periods_to_1e-2"],
+            numbers[f"output-unit/{unit:g}/kaczmarz_rate"],
+        ]
+        for unit in OUTPUT_UNITS
+    ]
+    norm = display.number(numbers["theta_star_norm"])
+    return display.group(
+        display.table(
+            steps,
+            ["step", "rate per period", "by averaging"],
+            formats={"rate per period": ".5f", "by averaging": ".5f"},
+            caption="Step size $s$ in $s\\,\\Phi e/(1 + \\Phi^T\\Phi)$; the paper has 1.",
+            align="rrr",
+        ),
+        display.table(
+            radii,
+            [r"radius $\rho^*$", "periods to 1e-2", "error after 1500 periods"],
+            formats={"error after 1500 periods": ".1e"},
+            caption=f"Projection radius; $\\|\\theta^*\\| = {norm}$. Projection is on a ball.",
+            align="rrr",
+        ),
+        display.table(
+            units,
+            ["unit of the output", "rate per period", "periods to 1e-2", "rate of Kaczmarz"],
+            formats={"rate per period": ".4f", "rate of Kaczmarz": ".4f"},
+            caption="The same experiment with the output measured in a larger unit (relative errors in the "
+            "parameters of that unit).",
+            align="rrrr",
+        ),
+        display.prose(
+            "A bound that holds changes nothing; one below the norm of the truth makes it unreachable. What "
+            "matters is the scale of the regressor: the lagged outputs are ten times the input, and the "
+            "algorithm spends its steps on them. Measuring the output in a unit ten times as large, which "
+            "costs nothing, makes the same algorithm some twenty times as fast. In a unit a hundred times as "
+            "large the 1 in the denominator of (4.1) dominates; Kaczmarz's method, which has none, goes on "
+            "gaining."
+        ),
+    )
+
+
+def proposition_4_1(results: Results) -> Display:
+    """Show Proposition 4.1 by numbers, with excitation and without."""
+    numbers = _numbers(results)
+    labels = {
+        "largest_growth_of_error": "largest growth of the parameter error in a step",
+        "sum_of_squared_increments": "sum of squared increments",
+        "sum_of_squared_posterior_errors": "sum of squared posterior errors",
+        "last_increment": "largest increment of the last period",
+        "last_prediction_error": "largest prediction error of the last period",
+        "last_relative_error": "relative parameter error at the end",
+    }
+    rows = [
+        [
+            label,
+            display.number(numbers[f"proposition-4.1/excited/{name}"], digits=3),
+            display.number(numbers[f"proposition-4.1/not-excited/{name}"], digits=3),
+        ]
+        for name, label in labels.items()
+    ]
+    bound = display.number(numbers["proposition-4.1/bound"])
+    return display.table(
+        rows,
+        ["", "input (5.1)", "one level only"],
+        caption=f"Proposition 4.1 on the noise-free example, 1500 periods from zero. Both sums are bounded "
+        f"by $\\|\\theta^*\\|^2 = {bound}$. Without excitation all that the proposition promises holds, and "
+        "the parameters are wrong.",
+        align="lrr",
+    )
+
+
+def excitation_table(results: Results) -> Display:
+    """Show rank and smallest singular value for both spacings."""
+    numbers = _numbers(results)
+    names = {
+        "example": "example, (5.1)",
+        "example/even": "example, even spacing",
+        "hidden-pole": f"pole at {numbers['excitation/lost_pole']:.4f}, (5.1)",
+        "hidden-pole/even": f"pole at {numbers['excitation/lost_pole']:.4f}, even spacing",
+        "zero-at-V1": "F(V1) = 0, (5.1)",
+        "zero-at-V1/V1-moved": "the same map, V1 moved to −7, (5.1)",
+    }
+    rows = [
+        [
+            label,
+            display.number(int(numbers[f"excitation/{name}/rank"])),
+            display.number(_cut(numbers[f"excitation/{name}/smallest_singular_value"]), digits=3),
+            display.number(numbers[f"excitation/{name}/rate"], digits=4),
+        ]
+        for name, label in names.items()
+    ]
+    return display.table(
+        rows,
+        ["plant and input", "rank (of 10)", "smallest singular value", "rate per period"],
+        caption="Regressors of one period in the steady state.",
+        align="lrrr",
+    )
+
+
+def _cut(value: float) -> float:
+    """Return zero for what is zero up to rounding."""
+    return 0.0 if abs(value) < 1e-12 else value
+
+
+def identifiability(results: Results) -> Display:
+    """Show what each rule of (3.18) makes of the example."""
+    numbers = _numbers(results)
+    segments = setting.SEGMENTS.__dict__
+    rows: list[list[object]] = [["true", *(segments[name] for name in ("D1", "D2", "L1", "L2"))]]
+    for rule, label in (
+        ("dead-zone", "(3.18a), dead zone"),
+        ("preload", "(3.18b), preload"),
+        ("symmetric", "(3.18c), symmetric"),
+    ):
+        values = [round(numbers[f"rule/{rule}/{name}"], 6) + 0.0 for name in ("D1", "D2", "L1", "L2")]
+        rows.append([label, *values])
+    slopes = ", ".join(
+        f"${name[0]}_{name[1]} = {display.number(round(numbers[f'recovered/{name}'], 6) + 0.0)}$"
+        for name in ("K1", "K2", "H1", "H2")
+    )
+    unit = ", ".join(
+        f"${name[0]}_{name[1]} = {display.number(round(numbers[f'recovered/unit-norm/{name}'], 4) + 0.0)}$"
+        for name in ("K1", "K2")
+    )
+    inside = display.number(numbers["identifiability/difference_inside"], digits=2)
+    return display.group(
+        display.table(
+            rows,
+            ["rule", "$D_1$", "$D_2$", "$L_1$", "$L_2$"],
+            caption="The rules (3.18) applied to the example, which belongs to none of their classes.",
+            align="lrrrr",
+        ),
+        display.prose(
+            f"Recovered with $b_1 = 1$: {slopes}. Under the printed normalisation (3.10): {unit}. "
+            "Four points of $F$ determine four numbers; the six unknowns leave a family "
+            "$L_i = H_i + K_iD_i$ of two free parameters. Two members of it, drawn in figure 2, give outputs "
+            f"that differ by {display.number(numbers['identifiability/difference_at_levels'])} for every "
+            f"input at the levels, and by {inside} once a level lies inside a dead zone. So $\\hat D$ and "
+            "$\\hat L$ of figure 3b cannot come from the described scheme: `recover` returns them for the "
+            "three classes and says *not identifiable* otherwise."
+        ),
+    )
+
+
+def disturbance_table(results: Results) -> Display:
+    """Show the ratio of error to disturbance, and what theory gives."""
+    numbers = _numbers(results)
+    rows = []
+    for kind in KINDS:
+        theory = numbers.get(f"noise_ratio/{kind}/theory")
+        error = numbers[f"noise_ratio/{kind}/std_error"]
+        rows.append(
+            [
+                kind,
+                display.with_error(numbers[f"noise_ratio/{kind}"], error)
+                if error > 1e-6
+                else display.number(numbers[f"noise_ratio/{kind}"]),
+                None if theory is None else display.number(theory),
+                display.number(numbers[f"noise_slope/{kind}"], digits=5),
+                display.number(numbers[f"noise_ratio/{kind}/at-1"], digits=3),
+                display.number(numbers[f"proposition-4.1/increment_ratio/{kind}"], digits=3),
+                display.number(numbers[f"proposition-4.1/posterior_ratio/{kind}"], digits=3),
+            ]
+        )
+    return display.table(
+        rows,
+        ["disturbance", "ratio", "theory", "exponent", "ratio at 1", "increments", "posterior error"],
+        caption=r"Mean $\|\hat\theta - \theta^*\|$ over mean $|\eta|$, $\eta = Az$, for amplitudes of $z$ "
+        r"from $10^{-5}$ to $10^{-1}$; exponent of the error in $|\eta|$; the ratio at an amplitude of 1; "
+        r"and the means of $\|\hat\theta(t) - \hat\theta(t-1)\|$ and $|e_p|$ over mean $|\eta|$ "
+        "(Proposition 4.1).",
+        align="lrrrrrr",
+    )
+
+
+def precision_tables(results: Results) -> Display:
+    """Show bias, spread and efficiency of every method."""
+    monte_carlo = results["papers"]["giri"]["monte_carlo"]
+    shown = []
+    for noise in NOISES:
+        rows = []
+        for method in METHODS:
+            entry = monte_carlo[f"{noise}/{method}/periods={SIZES[-1]}"]["parameters"]
+            for name in ("a1", "K1"):
+                quality = entry[name]
+                efficiency = quality["efficiency"]
+                rows.append(
+                    [
+                        method.replace("-", " "),
+                        Markdown(_symbol(name)),
+                        display.with_error(quality["bias"], quality["bias_std_error"]),
+                        display.number(quality["std"], digits=2),
+                        display.number(quality["crlb_std"], digits=2),
+                        None if efficiency is None else f"{100 * efficiency:.1f} %",
+                    ]
+                )
+        kind = "equation error" if noise == "equation" else "disturbance of the output"
+        shown.append(
+            display.table(
+                rows,
+                ["method", "", "bias", "std", "bound", "efficiency"],
+                caption=f"White {kind} of standard deviation 0.1, {SIZES[-1]} periods. Bound: the "
+                "Cramér-Rao bound of the seven free parameters for Gaussian noise.",
+                align="lcrrrr",
+            )
+        )
+    numbers = _numbers(results)
+    rows = [
+        [
+            noise,
+            method.replace("-", " "),
+            *(
+                display.number(numbers[f"slope/{noise}/{method}/{name}"], digits=2)
+                for name in setting.PARAMETERS
+            ),
+        ]
+        for noise in NOISES
+        for method in ("least-squares", "structured")
+    ]
+    heads = [_symbol(name) for name in setting.PARAMETERS]
+    error = display.number(numbers["slope_std_error"], digits=1)
+    shown.append(
+        display.table(
+            rows,
+            ["noise", "method", *heads],
+            caption=f"Exponent of the RMSE in the number of periods, {SIZES[0]} to {SIZES[-1]}; standard "
+            f"error {error}. A bias makes it flatter than $-1/2$.",
+            align="ll" + "r" * len(heads),
+        )
+    )
+    return display.group(*shown)
+
+
+def studies(results: Results) -> Display:
+    """Show the Monte-Carlo tables of the shortest and the longest experiment in full."""
+    return display.group(
+        *(
+            display.monte_carlo(
+                results,
+                "giri",
+                f"{noise}/{method}/periods={size}",
+                caption=f"{noise.capitalize()} noise, {method.replace('-', ' ')}, {size} periods.",
+            )
+            for noise in NOISES
+            for method in METHODS
+            for size in (SIZES[0], SIZES[-1])
+        )
+    )
+
+
+def errata(results: Results) -> Display:
+    """Show every printing error with its numbers."""
+    return show_errata(results, "giri")
+
+
+def confirmed(results: Results) -> Display:
+    """Show the printed formulas that are right."""
+    numbers = _numbers(results)
+    rows = [
+        [name.removeprefix("confirmed/"), value]
+        for name, value in numbers.items()
+        if name.startswith("confirmed/(")
+    ]
+    share = numbers["confirmed/Proposition 5.1, random plants"]
+    return display.group(
+        display.table(
+            rows,
+            ["formula", "largest difference"],
+            formats={"largest difference": ".1e"},
+            caption="Printed formulas that are right: the parameters of a map of the class against what the "
+            "formula gives from its values at the levels.",
+        ),
+        display.prose(
+            f"With $F(V_1) \\ne 0$ Proposition 5.1 held for {100 * share:.0f} % of 200 random plants of "
+            "orders 1 to 4."
+        ),
+    )
+
+
+def _symbol(name: str) -> str:
+    r"""Write a parameter as mathematics.
+
+    Examples
+    --------
+    >>> _symbol("mu12"), _symbol("a1")
+    ('$\\mu_{12}$', '$a_{1}$')
+    """
+    return f"$\\mu_{{{name[2:]}}}$" if name.startswith("mu") else display.symbol(name)
