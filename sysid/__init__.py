@@ -11,6 +11,8 @@ __version__ = "0.1.0"
 _PUBLIC = {
     "NONLINEARITIES": "sysid.nonlinearities",
     "Record": "sysid.data",
+    "Recursive": "sysid.recursive",
+    "RecursiveLeastSquares": "sysid.recursive",
     "Runner": "sysid.montecarlo",
     "SeparableFit": "sysid.separable",
     "compare": "sysid.diagnosis.compare",

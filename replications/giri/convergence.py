@@ -1,5 +1,7 @@
 """How fast the printed algorithm converges, and what sets its speed."""
 
+import math
+import time
 from collections.abc import Mapping
 
 import numpy as np
@@ -49,6 +51,11 @@ def first_below(error: Floats, target: float) -> float:
     return float(hits[0] + 1) if hits.size else np.nan
 
 
+def time_constant(rate: float) -> float:
+    """Return the periods in which the error shrinks by the factor e; infinite if it does not shrink."""
+    return -1.0 / math.log(rate) if 0.0 < rate < 1.0 else math.inf
+
+
 def periods_needed(estimator: Recursive, periods: int, target: float, unit: float = 1.0) -> float:
     """Return the periods from a zero start until the relative error at the end of one meets the target."""
     u, y = setting.experiment(periods)
@@ -74,8 +81,8 @@ def convergence_numbers() -> dict[str, float]:
         "rate_from_averaged_matrix": averaged,
         # In the last fifth the slowest mode alone is left.
         "rate_per_period/simulated": float((error[-1] / error[-301]) ** (1 / 300)),
-        "time_constant": -1.0 / np.log(rate),
-        "time_constant/averaged": -1.0 / np.log(averaged),
+        "time_constant": time_constant(rate),
+        "time_constant/averaged": time_constant(averaged),
         **{f"periods_to_{target}": first_below(error, float(target)) for target in TARGETS},
         "rls_samples_to_1e-6": first_below(relative_error(each_sample), 1e-6),
     }
@@ -130,6 +137,21 @@ def _segments(kept: Floats) -> Mapping[str, Floats]:
         values = recover(Snapshot(0, row, setting.ORDER, setting.LEVELS))
         found.append([values.b[1], values.K1, values.K2, values.H1, values.H2])
     return dict(zip(("b2", "K1", "K2", "H1", "H2"), np.array(found).T, strict=True))
+
+
+def update_seconds(updates: int = 20_000) -> dict[str, float]:
+    """Return the measured time of one call of `update` by algorithm [s]."""
+    u, y = setting.experiment(-(-updates // setting.PERIOD))
+    samples = list(zip(u.tolist(), y.tolist(), strict=True))
+    found = {}
+    for kind in (ProjectionGradient, Kaczmarz, RecursiveLeastSquares):
+        estimator = kind(setting.ORDER, setting.LEVELS)
+        estimator.update(0.0, 0.0)  # compiled before the clock starts
+        began = time.perf_counter()
+        for sample in samples:
+            estimator.update(*sample)
+        found[f"update/{estimator.algorithm}"] = (time.perf_counter() - began) / len(samples)
+    return found
 
 
 def proposition_4_1() -> dict[str, float]:

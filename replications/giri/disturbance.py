@@ -44,8 +44,8 @@ def disturbance(kind: str, rng: np.random.Generator, n: int) -> Floats:
     if kind == "constant":
         return np.full(n, sign)
     if kind == "alternating":
-        return sign * (-1.0) ** np.arange(n)
-    return np.sin(FREQUENCY * np.arange(n) + phase)
+        return np.asarray(sign * (-1.0) ** np.arange(n))
+    return np.asarray(np.sin(FREQUENCY * np.arange(n) + phase), dtype=np.float64)
 
 
 @dataclass(frozen=True)

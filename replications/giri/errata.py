@@ -4,7 +4,6 @@ Small typographical damage that leaves the meaning clear is not listed.
 """
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -13,14 +12,17 @@ from replications.giri import setting
 from replications.giri.excitation import COUNTER_POLE, counter_example, period_rows, plant_with_pole
 from replications.giri.identifiability import UNKNOWNS, determined_directions
 from replications.giri.setting import Floats
+from sysid.excitation import impulse_levels
 from sysid.nonlinearities import Segments
 from sysid.recursive import (
     ProjectionGradient,
     Snapshot,
     excitation_of,
     interpolation_coefficients,
+    interpolation_polynomial,
     recover,
     regressors,
+    stationary_period,
 )
 
 
@@ -272,8 +274,6 @@ def _missing_assumption() -> Erratum:
 
 def confirmed() -> dict[str, float]:
     """Return how far printed formulas that are right are from an independent evaluation."""
-    from sysid.recursive import interpolation_polynomial
-
     levels = np.array(setting.LEVELS)
     polynomial = interpolation_polynomial([0.0, *levels], levels, setting.gains())
     found = {"(3.2)-(3.5)": float(np.max(np.abs(polynomial - [0.0, *setting.SEGMENTS(levels)])))}
@@ -286,8 +286,7 @@ def confirmed() -> dict[str, float]:
         mu = np.outer(interpolation_coefficients(levels, segments), setting.B).ravel()
         theta = np.concatenate([setting.A, mu])
         recovered = recover(Snapshot(0, theta, setting.ORDER, setting.LEVELS), structure)  # type: ignore[arg-type]
-        difference = replace(recovered.segments).__dict__
-        found[name] = max(abs(difference[key] - getattr(segments, key)) for key in UNKNOWNS)
+        found[name] = max(abs(getattr(recovered.segments, key) - getattr(segments, key)) for key in UNKNOWNS)
         if name == "(3.18a)":
             offsets = np.array([recovered.H1, recovered.H2]) - segments.offsets
             slopes = np.array([recovered.K1 - segments.K1, recovered.K2 - segments.K2])
@@ -297,9 +296,6 @@ def confirmed() -> dict[str, float]:
 
 def excited_share(plants: int = 200, seed: int = 5) -> float:
     """Return the share of random plants, of orders 1 to 4 and F(V_1) != 0, that (5.1) excites."""
-    from sysid.excitation import impulse_levels
-    from sysid.recursive import stationary_period
-
     rng = np.random.default_rng(seed)
     excited = 0
     for number in range(plants):

@@ -6,8 +6,13 @@ from replications.giri import setting
 from replications.giri.setting import Floats
 from sysid.excitation import impulse_levels
 from sysid.nonlinearities import Segments
-from sysid.recursive import Excitation, convergence_rate, excitation_of, interpolation_coefficients
-from sysid.recursive import stationary_period as _stationary_period
+from sysid.recursive import (
+    Excitation,
+    convergence_rate,
+    excitation_of,
+    interpolation_coefficients,
+    stationary_period,
+)
 
 COUNTER_POLE = 0.8
 """Pole of the plant of the counter-example to Proposition 5.1."""
@@ -27,14 +32,14 @@ def lost_pole() -> float:
 
 def plant_with_pole(pole: float) -> Floats:
     """Return a_1, a_2 of a plant with this pole and one at 0.5."""
-    return np.poly([pole, 0.5])[1:]
+    return np.array([-(pole + 0.5), 0.5 * pole])
 
 
 def period_rows(a: Floats, segments: Segments, levels: tuple[float, ...], *, even: bool) -> Floats:
     """Return the regressors of a period in the steady state."""
     composite = np.outer(setting.B, interpolation_coefficients(levels, segments))
     u = impulse_levels(levels, setting.ORDER, even=even)
-    return _stationary_period(a, composite, u, levels)[0]
+    return stationary_period(a, composite, u, levels)[0]
 
 
 def counter_example() -> Segments:

@@ -83,12 +83,10 @@ def figure_3a(results: Results) -> Display:
         panels[0].axhline(true[index], color=GREY, linewidth=0.6)
     names = [f"\\mu_{{{i + 1}{j + 1}}}" for j in range(4) for i in range(setting.ORDER)]
     for index, name in enumerate(names):
-        panels[1].plot(
-            data["samples"],
-            data["theta"][setting.ORDER + index],
-            label=f"$\\hat {name}$",
-            **display.series(index % 7),
-        )
+        # The seven looks repeat; the eighth curve is a thin one.
+        look = display.series(index) if index < len(COLOURS) else {"color": GREY, "linewidth": 0.8}
+        values = data["theta"][setting.ORDER + index]
+        panels[1].plot(data["samples"], values, label=f"$\\hat {name}$", **look)
         panels[1].axhline(true[setting.ORDER + index], color=GREY, linewidth=0.6)
     for panel in panels:
         panel.set_xlabel("samples")

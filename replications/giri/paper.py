@@ -12,6 +12,7 @@ from replications.giri.convergence import (
     figure_3,
     proposition_4_1,
     setting_effects,
+    update_seconds,
 )
 from replications.giri.disturbance import KINDS, RANDOM_KINDS, DisturbedRun, ratio_numbers
 from replications.giri.errata import as_printed, confirmed, errata, excited_share
@@ -94,6 +95,7 @@ class Giri:
                 SIZES, [studies[case_name("output", n)].n_runs for n in SIZES]
             ),
         }
+        session.timings.update(update_seconds())
         tables = {
             "errata": [erratum.to_json() for erratum in found_errata],
             "sizes": list(SIZES),

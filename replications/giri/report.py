@@ -23,7 +23,7 @@ from sysid.reporting.display import Display, Markdown
 __all__ = [
     "block_diagram", "confirmed", "convergence", "disturbance", "disturbance_table", "errata", "excitation",
     "excitation_table", "figure_3a", "figure_3b", "identifiability", "precision", "precision_tables",
-    "proposition_4_1", "segment_map", "settings", "studies", "theta_star",
+    "proposition_4_1", "segment_map", "settings", "speed", "studies", "theta_star",
 ]  # fmt: skip
 
 Results = Mapping[str, Any]
@@ -67,7 +67,7 @@ def theta_star(results: Results) -> Display:
 def convergence(results: Results) -> Display:
     """Show rate, what averaging makes of it, and the periods needed."""
     numbers = _numbers(results)
-    rows: list[list[object]] = [
+    rows: list[list[str]] = [
         [
             "rate per period: eigenvalue of the period's map",
             display.number(numbers["rate_per_period"], digits=7),
@@ -349,6 +349,18 @@ def precision_tables(results: Results) -> Display:
         )
     )
     return display.group(*shown)
+
+
+def speed(results: Results) -> Display:
+    """Tell how many updates a second each algorithm made in this run."""
+    timings = results["papers"]["giri"]["timings"]
+    rates = [
+        f"{name.replace('-', ' ')} {display.number(int(round(1.0 / timings[f'update/{name}'], -3)))}"
+        for name in ("projection-gradient", "kaczmarz", "recursive-least-squares")
+    ]
+    return display.prose(
+        f"Updates a second, one call for each sample, on one core in this run: {', '.join(rates)}."
+    )
 
 
 def studies(results: Results) -> Display:

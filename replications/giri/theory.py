@@ -4,10 +4,10 @@ While z is small against the signals the regressors are those of the noise-free 
 the parameter error obeys a linear recursion with the period of the input, driven by eta = A z.
 """
 
-from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.integrate import quad
 from scipy.linalg import solve_discrete_lyapunov
 
@@ -65,7 +65,7 @@ def independent_ratio(variance: float, mean_eta: float) -> float:
     return float(np.mean(norms)) / mean_eta
 
 
-def periodic_ratio(disturbance: Sequence[float]) -> float:
+def periodic_ratio(disturbance: ArrayLike) -> float:
     """Return mean ||theta error|| over mean |eta| for a disturbance with the period of the input."""
     z = np.asarray(disturbance, dtype=np.float64)
     eta = z + setting.A[0] * np.roll(z, 1) + setting.A[1] * np.roll(z, 2)
