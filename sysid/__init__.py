@@ -19,6 +19,7 @@ _PUBLIC = {
     "correlation_method": "sysid.hammerstein",
     "fit_output_error": "sysid.linear",
     "fit_physics": "sysid.physics",
+    "identify_levels": "sysid.recursive",
     "load_model": "sysid.physics",
     "read_record": "sysid.data",
     "search_method": "sysid.hammerstein",

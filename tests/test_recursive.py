@@ -23,6 +23,7 @@ from sysid.recursive import (
     averaged_rate,
     convergence_rate,
     excitation_of,
+    identify_levels,
     interpolation_coefficients,
     interpolation_polynomial,
     rank_one,
@@ -434,3 +435,33 @@ def test_no_steady_state_where_there_is_none():
         stationary_period([-1.1], [[1.0, 1.0]], [1.0, -1.0, 0.0], [1.0, -1.0])
     with pytest.raises(DataError, match="shorter than the order"):
         stationary_period([0.1, 0.1], np.ones((2, 2)), [1.0], [1.0, -1.0])
+
+
+# A whole record ---------------------------------------------------------------------------------------
+
+
+def test_a_record_is_identified_in_one_call():
+    u, y = record(30, noise=0.05)
+    found = identify_levels(u, y, 2)
+    np.testing.assert_allclose(found.a, A, atol=0.01)  # some standard errors at this noise
+    np.testing.assert_allclose([found.K1, found.K2], [1.0, 2.0], atol=0.05)
+    again = identify_levels(u, y, 2, levels=LEVELS)
+    np.testing.assert_array_equal(found.d, again.d)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda u, y: (u[5:14], y[5:14]), "9 samples cannot determine 8 parameters of order 2 with 3 levels"),
+        (lambda u, y: (np.where(u > 3, u, 0.0), np.zeros_like(y)), "excites 2 of 4 directions"),
+        (lambda u, y: (np.abs(u), y), "negative side has 0"),
+    ],
+)
+def test_a_record_that_cannot_be_identified_is_named(change, message):
+    with pytest.raises(IdentifiabilityError, match=message):
+        identify_levels(*change(*record(6, noise=0.1)), 2)
+
+
+def test_a_record_without_input_is_named():
+    with pytest.raises(UsageError, match="levels are"):
+        identify_levels(np.zeros(30), np.ones(30), 2)
