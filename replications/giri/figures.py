@@ -198,7 +198,7 @@ def precision(results: Results) -> Display:
         panel.set_xlabel("periods")
     for panel in panels[:, 0]:
         panel.set_ylabel("RMSE")
-    panels[0, 0].legend(fontsize=7.5)
+    panels[0, 1].legend(fontsize=7.5, loc="center left")
     return display.figure(
         drawing,
         "Root-mean-square error against the length of the experiment, noise of standard deviation 0.1.",

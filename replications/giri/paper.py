@@ -60,13 +60,16 @@ class Giri:
 
     def plan(self, runs: int) -> Mapping[str, tuple[Task, int]]:
         """Return every case with its task and number of runs."""
-        random, periodic = max(runs // 2, FEWEST_RUNS), max(runs // 20, FEWEST_RUNS)
+        half, periodic = max(runs // 2, FEWEST_RUNS), max(runs // 20, FEWEST_RUNS)
         cases: dict[str, tuple[Task, int]] = {
-            disturbance_case(kind): (DisturbedRun(kind), random if kind in RANDOM_KINDS else periodic)
+            disturbance_case(kind): (DisturbedRun(kind), half if kind in RANDOM_KINDS else periodic)
             for kind in KINDS
         }
         for noise in NOISES:
-            cases |= {case_name(noise, n): (NoisyRun(noise, n), runs) for n in SIZES}
+            cases |= {
+                case_name(noise, n): (NoisyRun(noise, n), runs if n == checks.GATED_SIZE else half)
+                for n in SIZES
+            }
         return cases
 
     def replicate(self, session: Session) -> PaperResult:

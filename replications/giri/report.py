@@ -354,9 +354,14 @@ def precision_tables(results: Results) -> Display:
 def speed(results: Results) -> Display:
     """Tell how many updates a second each algorithm made in this run."""
     timings = results["papers"]["giri"]["timings"]
+    names = {
+        "projection-gradient": "projected gradient",
+        "kaczmarz": "Kaczmarz",
+        "recursive-least-squares": "recursive least squares",
+    }
     rates = [
-        f"{name.replace('-', ' ')} {display.number(int(round(1.0 / timings[f'update/{name}'], -3)))}"
-        for name in ("projection-gradient", "kaczmarz", "recursive-least-squares")
+        f"{title} {display.number(int(round(1.0 / timings[f'update/{name}'], -3)))}"
+        for name, title in names.items()
     ]
     return display.prose(
         f"Updates a second, one call for each sample, on one core in this run: {', '.join(rates)}."
@@ -365,19 +370,17 @@ def speed(results: Results) -> Display:
 
 def studies(results: Results) -> Display:
     """Show the Monte-Carlo tables of the shortest and the longest experiment in full."""
-    return display.group(
-        *(
-            display.monte_carlo(
-                results,
-                "giri",
-                f"{noise}/{method}/periods={size}",
-                caption=f"{noise.capitalize()} noise, {method.replace('-', ' ')}, {size} periods.",
-            )
-            for noise in NOISES
-            for method in METHODS
-            for size in (SIZES[0], SIZES[-1])
-        )
-    )
+    monte_carlo = results["papers"]["giri"]["monte_carlo"]
+    shown = []
+    for noise in NOISES:
+        for method in METHODS:
+            for size in (SIZES[0], SIZES[-1]):
+                case = f"{noise}/{method}/periods={size}"
+                runs, failed = monte_carlo[case]["n_runs"], monte_carlo[case]["failed"]
+                words = f"White {noise} noise, {method.replace('-', ' ')}, {size} periods; "
+                words += f"{runs} runs, {failed} failed."
+                shown.append(display.monte_carlo(results, "giri", case, caption=words))
+    return display.group(*shown)
 
 
 def errata(results: Results) -> Display:
