@@ -237,7 +237,11 @@ def test_a_wrong_sample_leaves_the_estimate_alone():
     estimator = Kaczmarz(2, LEVELS)
     estimator.update(3.0, 1.0)
     before = estimator.to_json()
-    for sample, message in (((2.5, 0.0), "none of the levels"), ((3.0, math.nan), "output value 1 is nan")):
+    for sample, message in (
+        ((2.5, 0.0), "none of the levels"),
+        ((3.0, math.nan), "output value 1 is nan"),
+        ((None, 1.0), r"sample 1 is \(u, y\) = \(None, 1.0\)"),
+    ):
         with pytest.raises(DataError, match=message):
             estimator.update(*sample)
     assert estimator.to_json() == before
