@@ -6,7 +6,6 @@ from typing import Any
 from replications.errata import show_errata
 from replications.giri import setting
 from replications.giri.convergence import OUTPUT_UNITS, RADII, STEPS, TARGETS
-from replications.giri.disturbance import KINDS
 from replications.giri.figures import (
     block_diagram,
     disturbance,
@@ -16,7 +15,14 @@ from replications.giri.figures import (
     precision,
     segment_map,
 )
-from replications.giri.precision import METHODS, NOISES, SIZES
+from replications.giri.noise_tables import (
+    disturbance_table,
+    numbers_of,
+    precision_tables,
+    speed,
+    studies,
+    symbol,
+)
 from sysid.reporting import display
 from sysid.reporting.display import Display, Markdown
 
@@ -29,20 +35,15 @@ __all__ = [
 Results = Mapping[str, Any]
 
 
-def _numbers(results: Results) -> Mapping[str, float]:
-    numbers: Mapping[str, float] = results["papers"]["giri"]["numbers"]
-    return numbers
-
-
 def theta_star(results: Results) -> Display:
     """Show theta*: exact, and as printed."""
-    numbers = _numbers(results)
+    numbers = numbers_of(results)
     names = [name for name in numbers if name.startswith("theta-star/") and "difference" not in name]
     printed = dict(zip(names, setting.PRINTED_THETA, strict=True))
     printed["theta-star/a1"], printed["theta-star/a2"] = printed["theta-star/a2"], printed["theta-star/a1"]
     rows = [
         [
-            Markdown(_symbol(name.removeprefix("theta-star/"))),
+            Markdown(symbol(name.removeprefix("theta-star/"))),
             display.number(numbers[name], digits=8),
             printed[name],
         ]
@@ -66,7 +67,7 @@ def theta_star(results: Results) -> Display:
 
 def convergence(results: Results) -> Display:
     """Show rate, what averaging makes of it, and the periods needed."""
-    numbers = _numbers(results)
+    numbers = numbers_of(results)
     rows: list[list[str]] = [
         [
             "rate per period: eigenvalue of the period's map",
@@ -109,7 +110,7 @@ def convergence(results: Results) -> Display:
 
 def settings(results: Results) -> Display:
     """Show the effect of step, projection radius and unit of the output."""
-    numbers = _numbers(results)
+    numbers = numbers_of(results)
     steps = [[step, numbers[f"step/{step:g}/rate"], numbers[f"step/{step:g}/averaged"]] for step in STEPS]
     radii = [
         [radius, numbers[f"radius/{radius:g}/periods_to_1e-2"], numbers[f"radius/{radius:g}/last_error"]]
@@ -161,7 +162,7 @@ def settings(results: Results) -> Display:
 
 def proposition_4_1(results: Results) -> Display:
     """Show Proposition 4.1 by numbers, with excitation and without."""
-    numbers = _numbers(results)
+    numbers = numbers_of(results)
     labels = {
         "largest_growth_of_error": "largest growth of the parameter error in a step",
         "sum_of_squared_increments": "sum of squared increments",
@@ -191,7 +192,7 @@ def proposition_4_1(results: Results) -> Display:
 
 def excitation_table(results: Results) -> Display:
     """Show rank and smallest singular value for both spacings."""
-    numbers = _numbers(results)
+    numbers = numbers_of(results)
     names = {
         "example": "example, (5.1)",
         "example/even": "example, even spacing",
@@ -224,7 +225,7 @@ def _cut(value: float) -> float:
 
 def identifiability(results: Results) -> Display:
     """Show what each rule of (3.18) makes of the example."""
-    numbers = _numbers(results)
+    numbers = numbers_of(results)
     segments = setting.SEGMENTS.__dict__
     rows: list[list[object]] = [["true", *(segments[name] for name in ("D1", "D2", "L1", "L2"))]]
     for rule, label in (
@@ -262,127 +263,6 @@ def identifiability(results: Results) -> Display:
     )
 
 
-def disturbance_table(results: Results) -> Display:
-    """Show the ratio of error to disturbance, and what theory gives."""
-    numbers = _numbers(results)
-    rows = []
-    for kind in KINDS:
-        theory = numbers.get(f"noise_ratio/{kind}/theory")
-        error = numbers[f"noise_ratio/{kind}/std_error"]
-        rows.append(
-            [
-                kind,
-                display.with_error(numbers[f"noise_ratio/{kind}"], error)
-                if error > 1e-6
-                else display.number(numbers[f"noise_ratio/{kind}"]),
-                None if theory is None else display.number(theory),
-                display.number(numbers[f"noise_slope/{kind}"], digits=5),
-                display.number(numbers[f"noise_ratio/{kind}/at-1"], digits=3),
-                display.number(numbers[f"proposition-4.1/increment_ratio/{kind}"], digits=3),
-                display.number(numbers[f"proposition-4.1/posterior_ratio/{kind}"], digits=3),
-            ]
-        )
-    return display.table(
-        rows,
-        ["disturbance", "ratio", "theory", "exponent", "ratio at 1", "increments", "posterior error"],
-        caption=r"Mean $\|\hat\theta - \theta^*\|$ over mean $|\eta|$, $\eta = Az$, for amplitudes of $z$ "
-        r"from $10^{-5}$ to $10^{-1}$; exponent of the error in $|\eta|$; the ratio at an amplitude of 1; "
-        r"and the means of $\|\hat\theta(t) - \hat\theta(t-1)\|$ and $|e_p|$ over mean $|\eta|$ "
-        "(Proposition 4.1).",
-        align="lrrrrrr",
-    )
-
-
-def precision_tables(results: Results) -> Display:
-    """Show bias, spread and efficiency of every method."""
-    monte_carlo = results["papers"]["giri"]["monte_carlo"]
-    shown = []
-    for noise in NOISES:
-        rows = []
-        for method in METHODS:
-            entry = monte_carlo[f"{noise}/{method}/periods={SIZES[-1]}"]["parameters"]
-            for name in ("a1", "K1"):
-                quality = entry[name]
-                efficiency = quality["efficiency"]
-                rows.append(
-                    [
-                        method.replace("-", " "),
-                        Markdown(_symbol(name)),
-                        display.with_error(quality["bias"], quality["bias_std_error"]),
-                        display.number(quality["std"], digits=2),
-                        display.number(quality["crlb_std"], digits=2),
-                        None if efficiency is None else f"{100 * efficiency:.1f} %",
-                    ]
-                )
-        kind = "equation error" if noise == "equation" else "disturbance of the output"
-        shown.append(
-            display.table(
-                rows,
-                ["method", "", "bias", "std", "bound", "efficiency"],
-                caption=f"White {kind} of standard deviation 0.1, {SIZES[-1]} periods. Bound: the "
-                "Cramér-Rao bound of the seven free parameters for Gaussian noise.",
-                align="lcrrrr",
-            )
-        )
-    numbers = _numbers(results)
-    rows = [
-        [
-            noise,
-            method.replace("-", " "),
-            *(
-                display.number(numbers[f"slope/{noise}/{method}/{name}"], digits=2)
-                for name in setting.PARAMETERS
-            ),
-        ]
-        for noise in NOISES
-        for method in ("least-squares", "structured")
-    ]
-    heads = [_symbol(name) for name in setting.PARAMETERS]
-    error = display.number(numbers["slope_std_error"], digits=1)
-    shown.append(
-        display.table(
-            rows,
-            ["noise", "method", *heads],
-            caption=f"Exponent of the RMSE in the number of periods, {SIZES[0]} to {SIZES[-1]}; standard "
-            f"error {error}. A bias makes it flatter than $-1/2$.",
-            align="ll" + "r" * len(heads),
-        )
-    )
-    return display.group(*shown)
-
-
-def speed(results: Results) -> Display:
-    """Tell how many updates a second each algorithm made in this run."""
-    timings = results["papers"]["giri"]["timings"]
-    names = {
-        "projection-gradient": "projected gradient",
-        "kaczmarz": "Kaczmarz",
-        "recursive-least-squares": "recursive least squares",
-    }
-    rates = [
-        f"{title} {display.number(int(round(1.0 / timings[f'update/{name}'], -3)))}"
-        for name, title in names.items()
-    ]
-    return display.prose(
-        f"Updates a second, one call for each sample, on one core in this run: {', '.join(rates)}."
-    )
-
-
-def studies(results: Results) -> Display:
-    """Show the Monte-Carlo tables of the shortest and the longest experiment in full."""
-    monte_carlo = results["papers"]["giri"]["monte_carlo"]
-    shown = []
-    for noise in NOISES:
-        for method in METHODS:
-            for size in (SIZES[0], SIZES[-1]):
-                case = f"{noise}/{method}/periods={size}"
-                runs, failed = monte_carlo[case]["n_runs"], monte_carlo[case]["failed"]
-                words = f"White {noise} noise, {method.replace('-', ' ')}, {size} periods; "
-                words += f"{runs} runs, {failed} failed."
-                shown.append(display.monte_carlo(results, "giri", case, caption=words))
-    return display.group(*shown)
-
-
 def errata(results: Results) -> Display:
     """Show every printing error with its numbers."""
     return show_errata(results, "giri")
@@ -390,7 +270,7 @@ def errata(results: Results) -> Display:
 
 def confirmed(results: Results) -> Display:
     """Show the printed formulas that are right."""
-    numbers = _numbers(results)
+    numbers = numbers_of(results)
     rows = [
         [name.removeprefix("confirmed/"), value]
         for name, value in numbers.items()
@@ -410,14 +290,3 @@ def confirmed(results: Results) -> Display:
             "orders 1 to 4."
         ),
     )
-
-
-def _symbol(name: str) -> str:
-    r"""Write a parameter as mathematics.
-
-    Examples
-    --------
-    >>> _symbol("mu12"), _symbol("a1")
-    ('$\\mu_{12}$', '$a_{1}$')
-    """
-    return f"$\\mu_{{{name[2:]}}}$" if name.startswith("mu") else display.symbol(name)
