@@ -35,6 +35,14 @@ from sysid.nonlinearities.memory import (
 )
 from sysid.nonlinearities.pieces import AffinePieces
 from sysid.nonlinearities.segment import SEGMENT, SegmentMap, Segments
+from sysid.nonlinearities.spline import (
+    Spline,
+    absolute_power_basis,
+    equal_knots,
+    quantile_knots,
+    spline_basis,
+    supported_knots,
+)
 
 __all__ = [
     "DEAD_ZONE",
@@ -63,9 +71,15 @@ __all__ = [
     "SchmittTrigger",
     "SegmentMap",
     "Segments",
+    "Spline",
     "StaticMap",
     "TwoSidedMap",
+    "absolute_power_basis",
+    "equal_knots",
     "nonlinearity",
+    "quantile_knots",
+    "spline_basis",
+    "supported_knots",
 ]
 
 NONLINEARITIES: Mapping[str, Nonlinearity] = MappingProxyType(
