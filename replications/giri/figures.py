@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from replications import diagrams
 from replications.giri import setting
 from replications.giri.disturbance import AMPLITUDES, BEYOND, KINDS
 from replications.giri.excitation import lost_pole, plant_with_pole
@@ -22,20 +23,21 @@ Results = Mapping[str, Any]
 
 def block_diagram() -> Display:
     """Draw figure 1: the structure that is identified."""
-    drawing, axes = display.subplots(height=1.15)
-    axes.set(xlim=(0, 10), ylim=(0, 2))
-    axes.axis("off")
-    box = {"boxstyle": "square,pad=0.55", "facecolor": "white", "edgecolor": "black"}
-    arrow = {"arrowstyle": "-|>", "color": "black", "shrinkA": 0, "shrinkB": 0}
-    axes.text(2.6, 0.8, r"$F(\cdot)$", ha="center", va="center", bbox=box)
-    axes.text(5.6, 0.8, r"$\frac{B(q^{-1})}{A(q^{-1})}$", ha="center", va="center", fontsize=13, bbox=box)
-    axes.plot(8.2, 0.8, "o", markersize=15, markerfacecolor="white", markeredgecolor="black")
-    axes.text(8.2, 0.8, "+", ha="center", va="center")
-    for start, end in (((0.6, 0.8), (2.05, 0.8)), ((3.15, 0.8), (4.95, 0.8)), ((6.25, 0.8), (7.95, 0.8)),
-                       ((8.45, 0.8), (9.6, 0.8)), ((8.2, 1.8), (8.2, 1.1))):  # fmt: skip
-        axes.annotate("", xy=end, xytext=start, arrowprops=arrow)
-    for x, y, name in ((0.9, 1.0, "v(t)"), (4.0, 1.0, "u(t)"), (9.1, 1.0, "y(t)"), (8.45, 1.6, "z(t)")):
-        axes.text(x, y, f"${name}$", ha="center")
+    drawing = diagrams.block_diagram(
+        blocks=[
+            (2.6, r"$F(\cdot)$", 10),
+            (5.6, r"$\frac{B(q^{-1})}{A(q^{-1})}$", 13),
+        ],
+        sums=[8.2],
+        arrows=[
+            ((0.6, 0.8), (2.05, 0.8)),
+            ((3.15, 0.8), (4.95, 0.8)),
+            ((6.25, 0.8), (7.95, 0.8)),
+            ((8.45, 0.8), (9.6, 0.8)),
+            ((8.2, 1.8), (8.2, 1.1)),
+        ],
+        signals=[(0.9, 1.0, "v(t)"), (4.0, 1.0, "u(t)"), (9.1, 1.0, "y(t)"), (8.45, 1.6, "z(t)")],
+    )
     return display.figure(
         drawing,
         "Figure 1 regenerated: the structure as it is implemented.",
