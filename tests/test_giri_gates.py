@@ -288,9 +288,10 @@ def precision_gates(kind, runs):
         for n in precision.SIZES:
             name = precision.case_name(noise, n)
             studies[name] = Runner(jobs=1).run(name, kind(noise, n), runs, seed=8)
-    numbers = precision.slope_numbers(studies)
+    monte_carlo = monte_carlo_entries(studies)
+    numbers = precision.slope_numbers(monte_carlo)
     numbers["slope_std_error"] = slope_std_error(precision.SIZES, [runs] * len(precision.SIZES))
-    return red(checks.precision_gates(monte_carlo_entries(studies), numbers))
+    return red(checks.precision_gates(monte_carlo, numbers))
 
 
 @pytest.mark.parametrize(

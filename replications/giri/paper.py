@@ -25,6 +25,7 @@ from replications.giri.precision import (
     NoisyRun,
     bound,
     case_name,
+    entry_name,
     slope_numbers,
 )
 from replications.giri.theory import theory_numbers
@@ -93,7 +94,7 @@ class Giri:
             **excitation_numbers(),
             **theory_numbers(),
             **disturbance_numbers(studies),
-            **slope_numbers(studies),
+            **slope_numbers(monte_carlo),
             "slope_std_error": slope_std_error(
                 SIZES, [studies[case_name("output", n)].n_runs for n in SIZES]
             ),
@@ -138,7 +139,7 @@ def disturbance_numbers(studies: Mapping[str, Study]) -> dict[str, float]:
 def monte_carlo_entries(studies: Mapping[str, Study]) -> dict[str, dict[str, object]]:
     """Return the quality of every method at every length, for both kinds of noise."""
     return {
-        f"{noise}/{method}/periods={n}": entry(
+        entry_name(noise, method, n): entry(
             studies[case_name(noise, n)], setting.TRUE, bound(noise, n), prefix=f"{method}/"
         )
         for noise in NOISES

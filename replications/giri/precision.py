@@ -8,9 +8,9 @@ import numpy as np
 
 from replications.giri import setting
 from replications.giri.setting import Floats
+from replications.studies import parameters_of
 from sysid.bounds import least_squares_bound
 from sysid.linear.simulation import simulate_polynomial
-from sysid.montecarlo import Study
 from sysid.recursive import Kaczmarz, ProjectionGradient, RecursiveLeastSquares, Snapshot, recover, structured
 from sysid.recursive import regressors as regressor_rows
 
@@ -129,15 +129,19 @@ def output_sensitivities(periods: int) -> Floats:
     return np.column_stack([simulate_polynomial([1.0], [1.0, *setting.A], column) for column in rows.T])
 
 
-def slope_numbers(studies: Mapping[str, Study]) -> dict[str, float]:
+def entry_name(noise: str, method: str, periods: int) -> str:
+    """Return the id of a method's entry among the Monte-Carlo results."""
+    return f"{noise}/{method}/periods={periods}"
+
+
+def slope_numbers(monte_carlo: Mapping[str, Mapping[str, object]]) -> dict[str, float]:
     """Return the RMSE at every length and the exponent of its fall."""
     found: dict[str, float] = {}
     for noise in NOISES:
         for method in METHODS:
-            true = {f"{method}/{name}": value for name, value in setting.TRUE.items()}
-            summaries = [studies[case_name(noise, n)].summary(true) for n in SIZES]
+            entries = [parameters_of(monte_carlo[entry_name(noise, method, n)]) for n in SIZES]
             for name in setting.PARAMETERS:
-                rmse = [float(summary[f"{method}/{name}"]["rmse"] or np.nan) for summary in summaries]
+                rmse = [float(entry[name]["rmse"] or np.nan) for entry in entries]
                 key = f"{noise}/{method}/{name}"
                 found |= {f"rmse/{key}/{n}": value for n, value in zip(SIZES, rmse, strict=True)}
                 found[f"slope/{key}"] = float(np.polyfit(np.log(SIZES), np.log(rmse), 1)[0])
