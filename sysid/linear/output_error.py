@@ -329,8 +329,8 @@ def _search_all(
     segments: tuple[Segment, ...], structure: Structure, extra: Sequence[Complexes], step: float
 ) -> tuple[Search, bool, int]:
     """Search from the best of all starts; return the best end, whether two agree, and how many ran."""
-    screening = _shortened(segments, SCREENING_ROWS)
-    ranked = _ranked_starts(_shortened(segments, RANKING_ROWS), structure, extra)[:SEARCHED_STARTS]
+    screening = shortened(segments, SCREENING_ROWS)
+    ranked = _ranked_starts(shortened(segments, RANKING_ROWS), structure, extra)[:SEARCHED_STARTS]
     searches = [search_poles(screening, structure, start, COARSE_STEP, FIRST_EVALUATIONS) for start in ranked]
     searches.sort(key=lambda search: search.cost)
     leading = [search_poles(screening, structure, s.reflections, step) for s in searches[:LEADING]]
@@ -341,6 +341,17 @@ def _search_all(
     if sum(s.y.size for s in screening) < sum(s.y.size for s in segments):
         best = search_poles(segments, structure, best.reflections, step)
     return best, len(near) > 1, len(searches)
+
+
+def best_search(segments: tuple[Segment, ...], structure: Structure) -> Search:
+    """Return the best of all searches for a structure."""
+    return _search_all(segments, structure, (), COARSE_STEP)[0]
+
+
+def first_cost(segments: tuple[Segment, ...], structure: Structure) -> float:
+    """Return the sum of squared errors of the best start, before any search."""
+    start = _ranked_starts(shortened(segments, RANKING_ROWS), structure, ())[0]
+    return Reduction(segments, structure, start).cost
 
 
 def _agreement(agree: bool, tried: int) -> str:
@@ -354,7 +365,7 @@ def _agreement(agree: bool, tried: int) -> str:
     )
 
 
-def _shortened(segments: tuple[Segment, ...], rows: int) -> tuple[Segment, ...]:
+def shortened(segments: tuple[Segment, ...], rows: int) -> tuple[Segment, ...]:
     """Return the first rows of each experiment, so many in all."""
     total = sum(int(segment.used.sum()) for segment in segments)
     if total <= rows:

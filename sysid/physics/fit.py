@@ -12,11 +12,12 @@ from sysid.data.record import Mask, check_record
 from sysid.errors import IdentifiabilityError, ModelError, UsageError
 from sysid.linear.forms import Floats
 from sysid.linear.reduction import Segment
+from sysid.physics.matching import matched_points
 from sysid.physics.model import Model
 from sysid.physics.problem import Problem
 from sysid.physics.reading import load_model
 from sysid.physics.simulation import step_error
-from sysid.physics.starts import starting_points
+from sysid.physics.starts import draw_widths, starting_points
 from sysid.physics.uncertainty import Uncertainty, parameter_uncertainty
 from sysid.separable.descent import Minimum, Residual, Status, levenberg_marquardt
 
@@ -27,6 +28,7 @@ INITIAL_STATES = ("estimate", "rest")
 RANKING_ROWS = 2_000
 SCREENING_ROWS = 10_000
 SEARCHED_STARTS = 8
+MATCHED_STARTS = 4
 SCREENING_EVALUATIONS = 80
 EVALUATIONS = 300
 # Two searches agree when their errors differ by less than this share ...
@@ -243,7 +245,7 @@ def _search_all(problem: Problem) -> tuple[Minimum[Residual], int, int]:
     ranking = problem.with_segments(_shortened(problem.segments, RANKING_ROWS))
     count = len(problem.names)
     ends: list[Minimum[Residual]] = []
-    for coordinates, states in _starts(ranking):
+    for coordinates, states in _starts(ranking, screening):
         screening.use_steps(None)
         point = screening.point(coordinates, _all_states(screening, states))
         if point is not None:
@@ -272,20 +274,32 @@ def _search_all(problem: Problem) -> tuple[Minimum[Residual], int, int]:
     return best, agreeing, len(ends)
 
 
-def _starts(problem: Problem) -> list[tuple[Floats, Floats]]:
+def _starts(problem: Problem, screening: Problem) -> list[tuple[Floats, Floats]]:
     """Return parameters and initial states from which to search.
 
-    A free response from far away can hide what the input does.  So where initial states are
-    estimated and parameters are not known, half of the starts come from runs at rest.
+    Where parameters are not known, the first come from a linear model that was identified before
+    (`sysid.physics.matching`).  A free response from far away can hide what the input does, so where
+    initial states are estimated too, half of the others come from runs at rest.
     """
     count = len(problem.names)
     found = [(p[:count], problem.states_of(p)) for p in starting_points(problem, SEARCHED_STARTS)]
-    unknown = any(parameter.status == "free" for parameter in problem.parameters)
-    if not (problem.free_start and unknown):
+    if all(parameter.status == "uncertain" for parameter in problem.parameters):
         return found
+    matched = _matched(screening)
+    if not problem.free_start:
+        return matched + found[: SEARCHED_STARTS - len(matched)]
     at_rest = Problem(problem.model, problem.segments, problem.period, free_start=False)
-    forced = starting_points(at_rest, SEARCHED_STARTS // 2)
-    return [(p[:count], at_rest.states_of(p)) for p in forced] + found[: SEARCHED_STARTS - len(forced)]
+    forced = [(p[:count], at_rest.states_of(p)) for p in starting_points(at_rest, SEARCHED_STARTS // 2)]
+    return (matched + forced + found)[:SEARCHED_STARTS]
+
+
+def _matched(problem: Problem) -> list[tuple[Floats, Floats]]:
+    """Return starts with the transfer function of an identified model, each with its initial states."""
+    problem.use_steps(None)
+    centre = problem.coordinates(problem.simulator.values())
+    points = matched_points(problem, centre, draw_widths(problem, centre), MATCHED_STARTS)
+    placed = [problem.point(point) for point in points]
+    return [(p[: centre.size], problem.states_of(p)) for p in placed if p is not None]
 
 
 def _all_states(problem: Problem, known: Floats) -> Floats:

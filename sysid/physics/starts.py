@@ -31,7 +31,7 @@ def starting_points(problem: Problem, count: int) -> list[Floats]:
     generator = np.random.default_rng(SEED)
     low, high = (bound[: len(problem.names)] for bound in problem.bounds())
     centre = np.clip(problem.coordinates(problem.simulator.values()), low, high)
-    width = _widths(problem, centre)
+    width = draw_widths(problem, centre)
     near = all(parameter.status == "uncertain" for parameter in problem.parameters)
     found: list[Draw] = []
     _add(problem, found, centre)
@@ -71,7 +71,8 @@ def _advanced(problem: Problem, point: Floats) -> Draw:
     return end.cost, end.x
 
 
-def _widths(problem: Problem, centre: Floats) -> Floats:
+def draw_widths(problem: Problem, centre: Floats) -> Floats:
+    """Return how far draws may lie from the start values, in search coordinates."""
     known = np.array([parameter.status == "uncertain" for parameter in problem.parameters])
     size = np.maximum(np.abs(centre), 1.0)
     return np.where(

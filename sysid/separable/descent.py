@@ -203,6 +203,9 @@ def descend(
     jac, r = _compressed(point)
     while n_evaluations < max_evaluations:
         cost = point.cost
+        if not np.isfinite(jac).all():  # the residual is finite here and its derivative is not
+            status = Status.STUCK
+            break
         norms = np.sqrt(np.einsum("ij,ij->j", jac, jac))
         scale = np.maximum(scale, norms)
         gradient = jac.T @ r
