@@ -5,7 +5,7 @@ The fit is loaded when first used: models can be read and listed without it.
 
 from typing import TYPE_CHECKING, Any
 
-from sysid.physics.model import Equation, Model, Output, Parameter, Term, Variable
+from sysid.physics.model import Equation, Model, Output, Parameter, Prior, Term, Variable
 from sysid.physics.reading import load_model, model_names, read_model
 
 if TYPE_CHECKING:
@@ -18,6 +18,7 @@ __all__ = [
     "Output",
     "Parameter",
     "PhysicsFit",
+    "Prior",
     "Simulator",
     "Term",
     "Variable",

@@ -13,7 +13,7 @@ from sysid.errors import IdentifiabilityError, ModelError, UsageError
 from sysid.linear.forms import Floats
 from sysid.linear.reduction import Segment
 from sysid.physics.matching import matched_points
-from sysid.physics.model import Model
+from sysid.physics.model import Model, Starts
 from sysid.physics.problem import Problem
 from sysid.physics.reading import load_model
 from sysid.physics.simulation import step_error
@@ -38,6 +38,9 @@ OUTPUT_AGREEMENT = 0.05
 EXACT = 1e-9
 STEP_TOLERANCE = 1e-4
 HALVINGS = 5
+# Priors are weighed by the noise that is left over, which depends on them.
+PRIOR_ROUNDS = 20
+PRIOR_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -115,6 +118,8 @@ class PhysicsFit:
         lines = [f"PhysicsFit of {self.model.name!r}: rms {self.rms:.4g} on {self.n_rows} rows"]
         for name, (value, error) in self.parameters().items():
             spread = "fixed" if name not in self.names else f"± {error:.2g}"
+            if (prior := self.model.parameter(name).prior) is not None:
+                spread += f" (prior {prior.mean:.4g} ± {prior.std:.2g})"
             lines.append(f"  {name:8s} {value: .6g} {self.unit(name)} {spread}")
         return "\n".join([*lines, f"  {self.status}"])
 
@@ -123,7 +128,7 @@ def fit_physics(
     record: Record,
     model: Model | str | Path,
     *,
-    start: Mapping[str, float] | None = None,
+    start: Starts | None = None,
     fixed: Mapping[str, float] | None = None,
     initial_state: str = "estimate",
     rows: Mask | None = None,
@@ -136,8 +141,9 @@ def fit_physics(
         With one output.
     model : Model, str or Path
         A model, the name of a built-in one, or a TOML file.
-    start : mapping of str to float, optional
-        Values known within some 20 %.
+    start : mapping of str to float or pair of float, optional
+        Values known within some 20 %; or values with their standard deviations: Gaussian priors, which
+        weigh in the fit by the noise of the record.
     fixed : mapping of str to float, optional
         Known values.
     initial_state : {"estimate", "rest"}
@@ -182,6 +188,8 @@ def fit_physics(
         minimum, agreeing, tried = _search_all(problem)
         minimum = _with_fine_steps(problem, minimum)
         uncertainty = parameter_uncertainty(problem, minimum.x, minimum.point.residual)
+        if any(parameter.prior is not None for parameter in problem.parameters):
+            problem, minimum, uncertainty = _with_priors(problem, minimum, uncertainty)
     return _result(problem, minimum, uncertainty, record, (agreeing, tried))
 
 
@@ -210,7 +218,7 @@ def _result(
         period=problem.period,
         inputs=record.inputs,
         outputs=record.outputs,
-        rms=float(np.sqrt(minimum.cost / problem.n_rows)),
+        rms=float(np.sqrt(np.mean(minimum.point.residual[: problem.n_rows] ** 2))),
         output_std=float(np.std(measured)),
         n_rows=problem.n_rows,
         substeps=problem.simulator.substeps,
@@ -332,6 +340,25 @@ def _with_fine_steps(problem: Problem, minimum: Minimum[Residual]) -> Minimum[Re
         problem.use_steps(2 * (problem.simulator.substeps or 1))
         minimum = _descend(problem, minimum.x, EVALUATIONS)
     return minimum
+
+
+def _with_priors(
+    problem: Problem, minimum: Minimum[Residual], uncertainty: Uncertainty
+) -> tuple[Problem, Minimum[Residual], Uncertainty]:
+    """Weigh the priors by the noise of the record, and again by the noise that is then left over.
+
+    The first search went on without them where they only guide it, so that they do not choose between
+    minima that the record tells apart.
+    """
+    noise = uncertainty.effective_noise
+    for _ in range(PRIOR_ROUNDS):
+        problem = problem.with_noise(noise)
+        minimum = _descend(problem, minimum.x, EVALUATIONS)
+        uncertainty = parameter_uncertainty(problem, minimum.x, minimum.point.residual)
+        if np.abs(uncertainty.effective_noise / noise - 1.0).max() < PRIOR_TOLERANCE:
+            break
+        noise = uncertainty.effective_noise
+    return problem, minimum, uncertainty
 
 
 def _same(best: Minimum[Residual], end: Minimum[Residual], problem: Problem) -> bool:

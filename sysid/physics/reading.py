@@ -11,7 +11,7 @@ from typing import Any
 from sysid.errors import ModelError
 from sysid.physics.expressions import FUNCTIONS, ONE, Expression
 from sysid.physics.grammar import parse
-from sysid.physics.model import Equation, Model, Output, Parameter, Term, Variable
+from sysid.physics.model import Equation, Model, Output, Parameter, Prior, Term, Variable
 
 LARGEST_FILE = 100_000
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -21,7 +21,7 @@ _KEYS = {
     "inputs": ("unit", "meaning", "delay"),
     "outputs": ("unit", "meaning", "terms"),
     "equations": ("state", "factor", "unit", "terms"),
-    "parameters": ("unit", "start", "minimum", "maximum", "status", "meaning"),
+    "parameters": ("unit", "start", "std", "minimum", "maximum", "status", "meaning"),
 }
 Table = Mapping[str, Any]
 
@@ -202,14 +202,17 @@ def _variable(name: str, table: Table, kind: str) -> Variable:
 
 def _parameter(name: str, table: Table) -> Parameter:
     place = f"parameters.{_checked_name(name, 'parameters')}"
+    start = _real(table, "start", place)
+    prior = Prior(start, _real(table, "std", place)) if "std" in table else None
     parameter = Parameter(
         name=name,
         unit=_text(table, "unit", place),
-        start=_real(table, "start", place),
+        start=start,
         minimum=_real(table, "minimum", place, float("-inf")),
         maximum=_real(table, "maximum", place, float("inf")),
-        status=_text(table, "status", place, "free"),
+        status=_text(table, "status", place, "free" if prior is None else "uncertain"),
         meaning=_text(table, "meaning", place, ""),
+        prior=prior,
     )
     try:
         parameter.check()

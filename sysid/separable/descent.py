@@ -203,12 +203,12 @@ def descend(
     jac, r = _compressed(point)
     while n_evaluations < max_evaluations:
         cost = point.cost
-        if not np.isfinite(jac).all():  # the residual is finite here and its derivative is not
-            status = Status.STUCK
-            break
         norms = np.sqrt(np.einsum("ij,ij->j", jac, jac))
         scale = np.maximum(scale, norms)
         gradient = jac.T @ r
+        if not np.isfinite([norms, gradient]).all():  # the cost has a value here, its derivative has none
+            status = Status.STUCK
+            break
         free = ~(((x <= lower) & (gradient > 0)) | ((x >= upper) & (gradient < 0))) & (norms > 0)
         if not np.any(free & (np.abs(gradient) > tolerance * norms * np.sqrt(cost))):
             status = Status.GRADIENT
