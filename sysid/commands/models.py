@@ -6,7 +6,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from sysid.physics.model import Model, Parameter
-from sysid.physics.reading import load_model, model_names
+from sysid.physics.reading import all_model_names, load_model
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -16,7 +16,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Print the models asked for."""
     from rich.console import Console
 
-    models = [load_model(name) for name in arguments.models or model_names()]
+    models = [load_model(name) for name in arguments.models or all_model_names()]
     console = Console(file=sys.stdout, highlight=False, width=None if sys.stdout.isatty() else 120)
     for model in models:
         console.print(f"{model.name}: {model.title}", style="bold", markup=False, soft_wrap=True)
@@ -43,7 +43,7 @@ def _variables(model: Model) -> "Table":
 def _parameters(model: Model) -> "Table":
     table = _table(("parameter", "unit", "start", "range", "status", "what it is"))
     for p in model.parameters:
-        table.add_row(p.name, p.unit, f"{p.start:g}", _range(p), p.status, p.meaning)
+        table.add_row(p.name, p.unit, _start(p), _range(p), p.status, p.meaning)
     return table
 
 
@@ -54,6 +54,11 @@ def _table(headings: tuple[str, ...]) -> "Table":
     for heading in headings:
         table.add_column(heading)
     return table
+
+
+def _start(parameter: Parameter) -> str:
+    prior = parameter.prior
+    return f"{parameter.start:g}" if prior is None else f"{prior.mean:g} ± {prior.std:g}"
 
 
 def _range(parameter: Parameter) -> str:

@@ -13,7 +13,7 @@ from sysid.errors import UsageError
 if TYPE_CHECKING:
     from sysid.linear.selection import Candidate, Choice
     from sysid.linear.simulation import Prediction
-    from sysid.physics import Model, PhysicsFit
+    from sysid.physics import Model, PhysicsFit, Starts
 
 LINEAR = "linear"
 
@@ -357,7 +357,7 @@ class PhysicalModel:
 def resolve_model(
     model: "str | Path | Model",
     order: int | None = None,
-    start: Mapping[str, float] | None = None,
+    start: "Starts | None" = None,
     fixed: Mapping[str, float] | None = None,
 ) -> "Model | None":
     """Return a physical model with start and known values, or None for the linear one.
@@ -379,7 +379,7 @@ def resolve_model(
     >>> resolve_model("two-tanks", fixed={"b": 0.5}).parameter("b").status
     'fixed'
     """
-    from sysid.physics import Model, load_model, model_names
+    from sysid.physics import Model, all_model_names, is_known, is_model_class, load_model
 
     if isinstance(model, str) and model == LINEAR:
         if given := [*(start or {}), *(fixed or {})]:
@@ -391,12 +391,12 @@ def resolve_model(
     if isinstance(model, Model):
         found = model
     else:
-        if not isinstance(model, str | Path):
+        if not isinstance(model, str | Path) and not is_model_class(model):
             raise UsageError(f"model is of type {type(model).__name__}: give a name, a TOML file or a Model")
-        if str(model) not in model_names() and Path(model).suffix != ".toml":
+        if isinstance(model, str | Path) and not is_known(model):
             raise UsageError(
-                f"model {str(model)!r} is not known: choose one of {', '.join((LINEAR, *model_names()))}, "
-                "or give a .toml file"
+                f"model {str(model)!r} is not known: choose one of {', '.join((LINEAR, *all_model_names()))}"
+                ", or give a .toml file or a class as module:Class"
             )
         found = load_model(model)
     if order is not None and order != found.order:

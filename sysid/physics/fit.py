@@ -23,6 +23,7 @@ from sysid.separable.descent import Minimum, Residual, Status, levenberg_marquar
 
 if TYPE_CHECKING:
     from sysid.linear.simulation import Prediction
+    from sysid.physics.classes import PhysicsModel
 
 INITIAL_STATES = ("estimate", "rest")
 RANKING_ROWS = 2_000
@@ -126,7 +127,7 @@ class PhysicsFit:
 
 def fit_physics(
     record: Record,
-    model: Model | str | Path,
+    model: "Model | str | Path | type[PhysicsModel]",
     *,
     start: Starts | None = None,
     fixed: Mapping[str, float] | None = None,
@@ -139,8 +140,8 @@ def fit_physics(
     ----------
     record : Record
         With one output.
-    model : Model, str or Path
-        A model, the name of a built-in one, or a TOML file.
+    model : Model, str, Path or class
+        A model, or what `load_model` takes: a name, a TOML file, a Python class.
     start : mapping of str to float or pair of float, optional
         Values known within some 20 %; or values with their standard deviations: Gaussian priors, which
         weigh in the fit by the noise of the record.
