@@ -19,7 +19,8 @@ from sysid.linear.forms import (
 )
 from sysid.linear.reduction import Reduction, Segment, Structure
 from sysid.linear.search import Search, search_poles
-from sysid.linear.starts import least_squares_poles, pole_grid, steiglitz_mcbride_poles, subspace_poles
+from sysid.linear.starts import least_squares_poles, pole_grid, steiglitz_mcbride_poles
+from sysid.linear.subspace import Run, subspace_poles
 from sysid.linear.uncertainty import Uncertainty, parameter_uncertainty
 
 INITIAL_STATES = ("estimate", "rest")
@@ -382,10 +383,11 @@ def _ranked_starts(
     least_squares = least_squares_poles(segments, structure)
     candidates: list[Complexes] = [least_squares]
     candidates += steiglitz_mcbride_poles(segments, structure, least_squares)
-    subspace = subspace_poles(segments, range(order, order + 1))
-    if order in subspace:
-        candidates.append(subspace[order])
-        candidates += steiglitz_mcbride_poles(segments, structure, subspace[order])
+    runs = [Run(segment.u, segment.y[:, np.newaxis], segment.used) for segment in segments]
+    subspace = subspace_poles(runs, range(order, order + 1)).get(order, [])
+    candidates += subspace
+    for poles in subspace[:1]:
+        candidates += steiglitz_mcbride_poles(segments, structure, poles)
     n_rows = max(segment.y.size for segment in segments)
     if order <= 2:
         candidates += pole_grid(order, n_rows)

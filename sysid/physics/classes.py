@@ -4,14 +4,13 @@ import importlib
 import importlib.util
 import re
 import sys
-from collections import namedtuple
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, TypeGuard
 
 from sysid.errors import ModelError
-from sysid.physics.expressions import ONE, Expression
+from sysid.physics.expressions import ONE, Expression, Symbol
 from sysid.physics.model import Equation, Model, Output, Parameter, Term, Variable
 from sysid.physics.symbolic import Symbolic, expression_of
 
@@ -69,7 +68,7 @@ class PhysicsModel:
 
         Parameters
         ----------
-        x, u, p : named tuple
+        x, u, p : tuple with names
             States, inputs and parameters, as ``x.speed``, ``u[0]`` or unpacked.
         """
         raise ModelError(f"model class {type(self).__name__} has no method rates(self, x, u, p): write one")
@@ -193,9 +192,18 @@ def _traced(cls: type[PhysicsModel], method: str, model: Model, names: list[str]
     return found
 
 
-def _symbols(names: list[str]) -> Any:
-    kind: Any = namedtuple("Variables", names, rename=True)
-    return kind(*(Symbolic.named(name) for name in names))
+class Variables(tuple[Symbolic, ...]):
+    """Symbols in order, each also an attribute of its name."""
+
+    def __getattr__(self, name: str) -> Symbolic:
+        for symbol in self:
+            if symbol.expression == Symbol(name):
+                return symbol
+        raise AttributeError(f"there is no {name!r} among {', '.join(map(repr, self))}")
+
+
+def _symbols(names: list[str]) -> Variables:
+    return Variables(Symbolic.named(name) for name in names)
 
 
 def load_class(address: str) -> Model:
