@@ -12,6 +12,14 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
+# What `sysid compare` fits besides; their orders are chosen from the record.
+BLACK_BOXES = {
+    "linear": "A(q) y = B(q) u + constant",
+    "state-space": "x(k+1) = A x(k) + B u(k), y(k) = C x(k) + D u(k) + offset",
+    "hammerstein-<map>": "A(q) y = B(q) N(u) + constant, N a saturation, dead-zone, preload, relay, ...",
+}
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Print the models asked for."""
     from rich.console import Console
@@ -25,6 +33,9 @@ def run(arguments: argparse.Namespace) -> int:
         console.print(_variables(model))
         console.print(_parameters(model))
         console.print()
+    if not arguments.models:
+        for name, equation in BLACK_BOXES.items():
+            console.print(f"{name}: {equation}", markup=False, soft_wrap=True)
     return 0
 
 
