@@ -99,6 +99,8 @@ def test_bad_requests_are_refused():
     record = make_record(u, y, 1.0)
     with pytest.raises(UsageError, match="There is no nonlinearity 'sponge'"):
         fit_hammerstein(record, "sponge", 2)
+    with pytest.raises(UsageError, match="kind is 3"):
+        fit_hammerstein(record, 3, 2)
     with pytest.raises(UsageError, match="record is of type ndarray"):
         fit_hammerstein(u, "saturation", 2)
     wide = make_record(np.column_stack([u, u]), y, 1.0)

@@ -3,6 +3,7 @@
 # ruff: noqa: RUF012 (attributes are written as a user writes them)
 import math
 import re
+from functools import reduce
 from importlib.metadata import EntryPoint
 
 import numpy as np
@@ -163,6 +164,9 @@ def with_rates(rates):
         (with_rates(lambda x, u, p: (x.v, "x")), "gives 'x' for 'v'"),
         (with_rates(lambda x, u, p: (x.v, x.v * float("nan"))), "nan cannot stand"),
         (with_rates(lambda x, u, p: (x.v, u.u / p.m - p.k * x.x)), "'c' occurs in no equation"),
+        (with_rates(lambda x, u, p: (x.v, sum([x.x] * 100, p.c * p.k * u.u / p.m))), "more than 80 steps"),
+        (with_rates(lambda x, u, p: (x.v, reduce(lambda z, _: z * z, range(12), x.x))), "800 operations"),
+        ({"rest": {"x": "1"}}, "'x' is '1': give a finite number"),
         ({"states": {}}, "Faulty.states is {}"),
         ({"inputs": {"u": ""}}, "'u' has the unit ''"),
         ({"inputs": {"sin": "N"}}, "is the name of a function"),

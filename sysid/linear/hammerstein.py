@@ -41,6 +41,7 @@ EVALUATIONS, ROUNDS = 80, 6
 ROUGH, PRECISE = 1e-3, 1e-7
 # Ends agree when their errors differ by less than this share.
 AGREEMENT = 1e-3
+EXACT = 1e-20
 
 
 @dataclass(frozen=True)
@@ -196,6 +197,8 @@ def fit_hammerstein(
     from threadpoolctl import threadpool_limits
 
     chosen = nonlinearity(kind) if isinstance(kind, str) else kind
+    if not isinstance(chosen, Nonlinearity):
+        raise UsageError(f"kind is {kind!r}: give the name of a map of sysid.nonlinearities, or the map")
     if check_record(record).u.shape[1] != 1:
         raise UsageError(
             f"the record has {record.u.shape[1]} inputs ({', '.join(record.inputs)}): choose one for the map"
@@ -264,6 +267,7 @@ class _Search:
         self.first = poles
         self.poles: dict[tuple[float, ...], Complexes] = {}
         self.tried = 0
+        self.size = float(np.sum([np.max(np.abs(s.y[s.used])) for s in segments])) or 1.0
         size = np.concatenate([np.abs(segment.u[segment.used, 0]) for segment in segments])
         quantiles = np.quantile(size, np.linspace(0.0, 0.99, PAIR_GRID if len(kind.parameters) > 1 else GRID))
         self.largest = float(size.max())
@@ -285,8 +289,7 @@ class _Search:
         leading = [place for place in np.argsort(costs)[:REFINED_STARTS] if np.isfinite(costs[place])]
         ends = [self._refined(points[place], self.coarse, ROUGH) for place in leading]
         ends.sort(key=lambda end: end[0])
-        floor = 1e-20 * sum(float(s.y @ s.y) for s in self.coarse)
-        near = sum(end[0] <= ends[0][0] * (1.0 + AGREEMENT) ** 2 + floor for end in ends)
+        near = sum(end[0] <= ends[0][0] * (1.0 + AGREEMENT) ** 2 + EXACT for end in ends)
         return self._refined(np.array(ends[0][1]), self.fine, PRECISE)[1], near > 1
 
     def _refined(
@@ -346,7 +349,7 @@ class _Search:
         *,
         coarse: bool = False,
     ) -> float:
-        """Return the sum of squared errors of the best linear part behind the map."""
+        """Return the sum of squared errors, relative to the output's size, of the best linear part."""
         thresholds = tuple(float(value) for value in thresholds)
         self.tried += 1
         behind = tuple(replace(s, u=self.kind(s.u[:, 0], *thresholds)[:, np.newaxis]) for s in segments)
@@ -355,7 +358,7 @@ class _Search:
         step, evaluations = (COARSE_STEP, COARSE_EVALUATIONS) if coarse else (FINE_STEP, FINE_EVALUATIONS)
         search = search_poles(behind, self.structure, reflections_from_poles(poles), step, evaluations)
         self.poles[thresholds] = poles_of(search.reflections)
-        return search.cost
+        return search.cost / self.size**2
 
 
 def _uncertainty(

@@ -2,6 +2,7 @@
 
 import importlib
 import importlib.util
+import math
 import re
 import sys
 from collections.abc import Mapping, Sequence
@@ -117,7 +118,7 @@ def _model(cls: type[PhysicsModel]) -> Model:
     found = Model(
         name=cls.name or _kebab(cls.__name__),
         title=cls.title or ((cls.__doc__ or "").strip().splitlines() or [cls.__name__])[0],
-        states=tuple(Variable(n, unit, rest=float(cls.rest.get(n, 0.0))) for n, unit in cls.states.items()),
+        states=tuple(Variable(n, unit, rest=_rest(cls, n)) for n, unit in cls.states.items()),
         inputs=tuple(Variable(n, unit) for n, unit in cls.inputs.items()),
         outputs=tuple(Output(n, unit, ()) for n, unit in cls.outputs.items()),
         parameters=tuple(cls.parameters),
@@ -145,6 +146,13 @@ def _model(cls: type[PhysicsModel]) -> Model:
     for name in finished.unused():
         raise ModelError(f"{cls.__name__}: parameter {name!r} occurs in no equation: use it or leave it out")
     return finished
+
+
+def _rest(cls: type[PhysicsModel], state: str) -> float:
+    value = cls.rest.get(state, 0.0)
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        raise ModelError(f"{cls.__name__}.rest: {state!r} is {value!r}: give a finite number")
+    return float(value)
 
 
 def _kebab(name: str) -> str:

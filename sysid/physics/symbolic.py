@@ -30,6 +30,8 @@ UFUNCS: dict[Any, str] = {
     np.greater: ">",
     np.greater_equal: ">=",
 }
+# Longer chains would overflow the recursions over the tree, and the nesting of the generated source.
+DEEPEST_TREE, LARGEST_TREE = 80, 800
 USABLE = "abs, sign, sqrt, exp, log, sin, cos, tanh, minimum, maximum, where"
 
 
@@ -38,8 +40,13 @@ class Symbolic:
 
     __array_priority__ = 1000
 
-    def __init__(self, expression: Expression) -> None:
+    def __init__(self, expression: Expression, depth: int = 0, size: int = 1) -> None:
         self.expression = expression
+        self.depth, self.size = depth, size
+        if size > LARGEST_TREE:
+            raise ModelError(f"an equation has more than {LARGEST_TREE} operations: split it into states")
+        if depth > DEEPEST_TREE:
+            raise ModelError(f"an equation has more than {DEEPEST_TREE} steps in a row: split it into states")
 
     @classmethod
     def named(cls, name: str) -> "Symbolic":
@@ -87,7 +94,9 @@ def _operation(name: str, *parts: Any) -> Symbolic:
     result = operation(name, *(expression for expression in found if expression is not None))
     if isinstance(result, Operation) and all(isinstance(part, Number) for part in result.arguments):
         raise ModelError("a part made of numbers alone has no finite value: check it")
-    return Symbolic(result)
+    symbolic = [part for part in parts if isinstance(part, Symbolic)]
+    depth = 1 + max((part.depth for part in symbolic), default=0)
+    return Symbolic(result, depth, 1 + sum(part.size for part in symbolic))
 
 
 def expression_of(value: Any) -> Expression | None:
