@@ -267,9 +267,9 @@ def _result(record: Record, search: _Search, validation: dict[int, float]) -> St
     measured = np.concatenate([run.y[run.used] for run in runs])
     chosen = f"order chosen from {len(validation)} on validation rows; " if validation else ""
     agreement = (
-        "PO-MOESP and PI-MOESP lead to the same error"
+        "PO-MOESP and PI-MOESP end at the same error"
         if search.agreeing > 1
-        else "PO-MOESP and PI-MOESP lead to different errors: compare other orders"
+        else "PO-MOESP and PI-MOESP end at different errors: compare other orders"
     )
     return StateSpaceFit(
         A=A,
