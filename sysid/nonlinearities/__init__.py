@@ -1,6 +1,7 @@
 """Input nonlinearities of known structure: values, slopes, moments and exact pieces.
 
-``NONLINEARITIES`` lists all of them by name; ``nonlinearity(name)`` finds one.
+``NONLINEARITIES`` lists all of them by name; ``nonlinearity(name)`` finds one.  `PiecewiseAffine`,
+`Quantiser`, `MonotonePieces` and `sine` are fully known maps with their preimages.
 """
 
 from collections.abc import Mapping
@@ -22,6 +23,7 @@ from sysid.nonlinearities.hard import (
     StaticMap,
     TwoSidedMap,
 )
+from sysid.nonlinearities.known import SIGN, MonotonePieces, PiecewiseAffine, Quantiser, sine
 from sysid.nonlinearities.memory import (
     HYSTERESIS,
     HYSTERESIS_RELAY,
@@ -34,6 +36,7 @@ from sysid.nonlinearities.memory import (
     SchmittTrigger,
 )
 from sysid.nonlinearities.pieces import AffinePieces
+from sysid.nonlinearities.preimages import KnownMap, Preimage
 
 __all__ = [
     "DEAD_ZONE",
@@ -46,6 +49,7 @@ __all__ = [
     "RELAY",
     "SATURATION",
     "SCHMITT_TRIGGER",
+    "SIGN",
     "TWO_SIDED_DEAD_ZONE",
     "TWO_SIDED_PRELOAD",
     "TWO_SIDED_RELAY",
@@ -54,14 +58,20 @@ __all__ = [
     "HardMap",
     "Hysteresis",
     "HysteresisRelay",
+    "KnownMap",
     "MemoryMap",
+    "MonotonePieces",
     "Nonlinearity",
     "OneParameterMap",
+    "PiecewiseAffine",
     "Play",
+    "Preimage",
+    "Quantiser",
     "SchmittTrigger",
     "StaticMap",
     "TwoSidedMap",
     "nonlinearity",
+    "sine",
 ]
 
 NONLINEARITIES: Mapping[str, Nonlinearity] = MappingProxyType(
