@@ -37,6 +37,7 @@ from sysid.nonlinearities.memory import (
 )
 from sysid.nonlinearities.pieces import AffinePieces
 from sysid.nonlinearities.preimages import KnownMap, Preimage
+from sysid.nonlinearities.segment import SEGMENT, SegmentMap, Segments
 
 __all__ = [
     "DEAD_ZONE",
@@ -49,6 +50,7 @@ __all__ = [
     "RELAY",
     "SATURATION",
     "SCHMITT_TRIGGER",
+    "SEGMENT",
     "SIGN",
     "TWO_SIDED_DEAD_ZONE",
     "TWO_SIDED_PRELOAD",
@@ -68,6 +70,8 @@ __all__ = [
     "Preimage",
     "Quantiser",
     "SchmittTrigger",
+    "SegmentMap",
+    "Segments",
     "StaticMap",
     "TwoSidedMap",
     "nonlinearity",
