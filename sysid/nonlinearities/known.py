@@ -83,7 +83,9 @@ class PiecewiseAffine(KnownMap):
         slope, intercept = (np.array(column) for column in zip(*pieces, strict=True))
         keep = np.diff(np.clip(edges, *domain)) > 0
         ends = np.clip(np.array(edges), *domain)
-        return cls(hard_map.name, np.append(ends[:-1][keep], ends[1:][keep][-1]), slope[keep], intercept[keep])
+        return cls(
+            hard_map.name, np.append(ends[:-1][keep], ends[1:][keep][-1]), slope[keep], intercept[keep]
+        )
 
     @classmethod
     def interpolating(cls, name: str, y: ArrayLike, z: ArrayLike) -> "PiecewiseAffine":
@@ -179,8 +181,8 @@ class Quantiser(KnownMap):
         if self.largest is not None:
             lower = np.where(level <= -self.largest, -np.inf, lower)
             upper = np.where(level >= self.largest, np.inf, upper)
-        column = (part[:, np.newaxis] for part in (lower, upper))
-        return Parts(*column, np.ones((z.size, 1)), np.ones((z.size, 1), dtype=bool))
+        one = np.ones((z.size, 1))
+        return Parts(lower[:, np.newaxis], upper[:, np.newaxis], one, one.astype(np.bool_))
 
     def _into_range(self, z: Floats) -> Floats:
         return self._level(z) * self.step
@@ -218,7 +220,8 @@ class MonotonePieces(KnownMap):
         object.__setattr__(self, "knots", knots)
         if knots.size < 2 or not np.all(np.diff(knots) > 0):
             raise ModelError(
-                f"{self.name}: the knots {knots.tolist()} do not enclose a domain: give two or more, ascending"
+                f"{self.name}: the knots {knots.tolist()} do not enclose a domain: give two or more, "
+                f"ascending"
             )
         with np.errstate(all="ignore"):
             values = np.array(self.function(knots), dtype=np.float64)
@@ -317,7 +320,8 @@ def sine(domain: tuple[float, float] = (-2 * math.pi, 2 * math.pi)) -> MonotoneP
     low, high = domain
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise UsageError(
-            f"sine: the domain [{low}, {high}] leaves infinitely many preimages or none: give finite low < high"
+            f"sine: the domain [{low}, {high}] leaves infinitely many preimages or none: give finite "
+            f"low < high"
         )
     turns = np.arange(math.floor(low / math.pi - 0.5), math.ceil(high / math.pi + 0.5) + 1)
     inner = (turns + 0.5) * math.pi

@@ -157,7 +157,11 @@ class KnownMap(ABC):
         inside = self._into_range(data)
         parts = self._parts(inside)
         first, lower, upper, weight = gather(
-            *(np.ascontiguousarray(part) for part in parts), TOUCHING
+            np.ascontiguousarray(parts.lower),
+            np.ascontiguousarray(parts.upper),
+            np.ascontiguousarray(parts.weight),
+            np.ascontiguousarray(parts.valid),
+            TOUCHING,
         )
         empty = np.flatnonzero(np.diff(first) == 0)
         if empty.size:

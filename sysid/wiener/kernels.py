@@ -246,7 +246,9 @@ def branch_and_bound(
     n_samples = u.shape[0]
     n_theta = 2 * order + 1 if mode == FREE else 2 * order
     skip = 1 if mode == FREE else 0
-    widest = np.max(np.diff(first))
+    widest = 0
+    for k in range(n_samples):
+        widest = max(widest, first[k + 1] - first[k])
     factor = np.zeros((n_samples + 1, n_theta, n_theta))
     rotated = np.zeros((n_samples + 1, n_theta))  # the rotated target
     constant, slope = np.zeros((n_samples, n_theta)), np.zeros((n_samples, n_theta))

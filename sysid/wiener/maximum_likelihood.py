@@ -16,7 +16,8 @@ from sysid.wiener.likelihood import log_likelihood, maximise, simulate
 
 _REASONS = (
     "converged: the score vanishes",
-    "the data are separated: the model explains every datum with probability one, the noise is not determined",
+    "the data are separated: the model explains every datum with probability one, the noise is not "
+    "determined",
     "the noise went down to its floor: the model passes through the data",
     "stopped at the limit of iterations: raise max_iterations",
     "stopped: no damped step raises the likelihood",
@@ -137,7 +138,7 @@ def maximum_likelihood(
     preimage = nonlinearity.preimage(outputs)
     if isinstance(start, WienerFit):
         n = start.order
-        starts = [(one.theta, one.y) for one in start.candidates]
+        starts: list[tuple[Floats, Floats | None]] = [(one.theta, one.y) for one in start.candidates]
     else:
         given = [np.asarray(one, dtype=np.float64) for one in start]
         n = order if order is not None else (given[0].size - 1) // 2
@@ -158,7 +159,8 @@ def maximum_likelihood(
             best = point, value, reason
     if best is None:
         raise IdentifiabilityError(
-            "the likelihood is zero at every start: the data contradict the nonlinearity, or the starts diverge"
+            "the likelihood is zero at every start: the data contradict the nonlinearity, or the "
+            "starts diverge"
         )
     point, value, reason = best
     theta, state = point[: 2 * n + 1], point[2 * n + 1 : 3 * n + 1]
@@ -220,9 +222,7 @@ def stabilised(theta: Floats, order: int) -> Floats:
     return found
 
 
-def _covariance(
-    u: Floats, preimage: Preimage, point: Floats, order: int, scale_free: bool
-) -> Floats | None:
+def _covariance(u: Floats, preimage: Preimage, point: Floats, order: int, scale_free: bool) -> Floats | None:
     _, _, information, scale = log_likelihood(
         u, preimage.first, preimage.lower, preimage.upper, preimage.weight, point, order
     )

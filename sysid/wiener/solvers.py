@@ -124,7 +124,9 @@ def boxes(
     exact_fit = found[0].cost <= 10 * ZERO * float(np.sum(found[0].y ** 2))
     status = f"best of {len(found)} starts, a local minimum for certain"
     if exact_fit:
-        status = "exact fit: this sequence satisfies a linear system without error; it need not be the only one"
+        status = (
+            "exact fit: this sequence satisfies a linear system without error; it need not be the only one"
+        )
     elif not converged:
         status += "; stopped at the limit of iterations"
     return Outcome(tuple(found), "boxes", status, exact_fit, iterations)
