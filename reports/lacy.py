@@ -168,6 +168,9 @@ report.noise_free(results)
 report.consistency(results)
 
 # %%
+report.bias(results)
+
+# %%
 report.efficiency(results)
 
 # %% [markdown]

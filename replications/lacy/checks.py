@@ -206,15 +206,28 @@ def consistency_gates(numbers: Mapping[str, float]) -> list[Gate]:
                 "near one at 240 samples; over 20 runs a ratio of variances has a spread of a third",
             )
         )
-    found.append(
-        gate.at_least(
-            "inconsistent/equation-error",
-            abs(numbers["asymptotic-bias/b2"]),
-            0.01,
-            "relative",
-            "the regressors carry the noise: the equation error keeps a bias however long the record is",
+    for name in ("a1", "a2"):
+        found.append(
+            gate.monte_carlo_band(
+                f"consistent/dead-zone/ml/{name}",
+                numbers["bias/ml/" + name],
+                0.0,
+                numbers["bias_std_error/ml/" + name],
+                "no bias at 240 samples up to half a standard deviation at the bound",
+                allowance=0.5 * numbers[f"crlb/{name}/240"],
+            )
         )
-    )
+        found.append(
+            gate.at_least(
+                f"inconsistent/dead-zone/paper/{name}",
+                abs(numbers["bias/paper/" + name]) / numbers["bias_std_error/paper/" + name],
+                3.0,
+                "monte-carlo-band",
+                "the regressors of the equation error carry the noise: at 240 samples the bias is "
+                "many standard "
+                "errors, and it does not fall with more",
+            )
+        )
     return found
 
 

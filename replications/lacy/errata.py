@@ -60,8 +60,8 @@ def _system() -> Erratum:
         max(float(np.max(np.abs(literal))) - 1.0, 0.0),
         max(float(np.max(np.abs(corrected))) - 1.0, 0.0),
         "A spring, mass and dashpot cannot be unstable. The coefficients are those of "
-        "(0.4450 q + 0.4299) / (q^2 - 1.03 q + 0.9048): read with q instead of 1/q they are a stable "
-        "oscillator with G(1) = 1.0001.",
+        "$(0.4450\\,q + 0.4299) / (q^2 - 1.03\\,q + 0.9048)$: read with $q$ instead of $q^{-1}$ they "
+        "are a stable oscillator with $G(1) = 1.0001$.",
     )
 
 
@@ -92,10 +92,10 @@ def _decomposition() -> Erratum:
         "(13), fourth line",
         r"\hat y^TQ^T(I_p - \Phi)(\Phi^T\Phi)^{-1}\Phi^TQ\hat y + \dots",
         r"\hat y^TQ^T\left(I_p - \Phi(\Phi^T\Phi)^{-1}\Phi^T\right)Q\hat y + \dots",
-        "difference from J_LS^2 of (12), relative, at p = 2n + 1 where the printed product exists",
+        "relative difference from $J_{LS}^2$ of (12) at $p = 2n + 1$, where the printed product exists",
         abs(printed - reference) / reference,
         abs(corrected - reference) / reference,
-        "For any other p the printed matrices do not fit together.",
+        "For any other $p$ the printed matrices do not fit together.",
     )
 
 
@@ -168,10 +168,10 @@ def _size_of_u() -> Erratum:
         "(24)",
         r"U(i) = e_{i,n+p}\hat y^T + \hat y e_{i,n+p}^T \in \mathbb R^{p\times p}",
         r"U(i) \in \mathbb R^{(n+p)\times(n+p)}",
-        "rows of U(i) less those of the stated size",
+        "rows of $U(i)$ less those of the stated size",
         float(rows - p),
         float(rows - n_plus_p),
-        "Only then does Q U(j) Q^T in (23) exist.",
+        "Only then does $Q\\,U(j)\\,Q^T$ in (23) exist.",
     )
 
 

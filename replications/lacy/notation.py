@@ -71,12 +71,12 @@ class Notation:
     @cached_property
     def Psi(self) -> Floats:
         """The left inverse of Phi, eq. (14)."""
-        return self.Gram @ self.Phi.T
+        return np.asarray(self.Gram @ self.Phi.T)
 
     @cached_property
     def Pi(self) -> Floats:
         """The projector of eq. (15)."""
-        return np.eye(self.p) - self.Phi @ self.Psi
+        return np.asarray(np.eye(self.p) - self.Phi @ self.Psi)
 
     def gradient(self, factor: Floats) -> Floats:
         """Return eq. (22) with the missing factor given; it is y."""

@@ -200,6 +200,9 @@ def consistency_numbers(studies: Mapping[str, Study]) -> dict[str, float]:
                 numbers[f"rmse/{method}/{name}/{n}"] = rmse[-1]
                 numbers[f"efficiency/{method}/{name}/{n}"] = (bound[-1] / rmse[-1]) ** 2
                 numbers[f"crlb/{name}/{n}"] = bound[-1]
+            error = studies[f"{CONSISTENT}/n={SIZES[-1]}"].column(f"{method}/{name}") - _TRUE[name]
+            numbers[f"bias/{method}/{name}"] = float(np.mean(error))
+            numbers[f"bias_std_error/{method}/{name}"] = float(np.std(error, ddof=1) / np.sqrt(error.size))
             numbers[f"slope/{method}/{name}"] = float(np.polyfit(np.log(SIZES), np.log(rmse), 1)[0])
             numbers[f"slope/bound/{name}"] = float(np.polyfit(np.log(SIZES), np.log(bound), 1)[0])
     return numbers

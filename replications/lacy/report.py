@@ -11,9 +11,9 @@ from sysid.reporting import display
 from sysid.reporting.display import Display, Markdown
 
 __all__ = [
-    "block_diagram", "branch_recovery", "consistency", "derivatives", "efficiency", "errata", "example",
-    "identifiability", "literal_reading", "methods", "noise_free", "nonlinearity", "outside", "peaks",
-    "response", "scale", "search", "special_cases", "spread", "step_tests", "studies", "window",
+    "bias", "block_diagram", "branch_recovery", "consistency", "derivatives", "efficiency", "errata",
+    "example", "identifiability", "literal_reading", "methods", "noise_free", "nonlinearity", "outside",
+    "peaks", "response", "scale", "search", "special_cases", "spread", "step_tests", "studies", "window",
 ]  # fmt: skip
 
 Results = Mapping[str, Any]
@@ -297,6 +297,22 @@ def efficiency(results: Results) -> Display:
         "error in N. The "
         "bound falls faster than $N^{-1/2}$, as the system starts from rest and takes some forty "
         "samples to ring up.",
+    )
+
+
+def bias(results: Results) -> Display:
+    """Say how large the bias of the equation error is."""
+    numbers = _numbers(results)
+    parts = []
+    for method in ("paper", "ml"):
+        found = display.with_error(numbers[f"bias/{method}/a2"], numbers[f"bias_std_error/{method}/a2"])
+        parts.append(f"{found} by {'the paper' if method == 'paper' else 'maximum likelihood'}")
+    return display.prose(
+        f"At 240 samples the bias of $a_2$ is {parts[0]}'s method and {parts[1]}. With no "
+        f"nonlinearity at all, "
+        f"least squares on $y + w$ has the bias "
+        f"{display.number(numbers['asymptotic-bias/a2'], digits=2)}; samples "
+        "inside the dead zone are placed by the fit and carry less noise."
     )
 
 

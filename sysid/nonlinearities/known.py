@@ -274,12 +274,11 @@ class MonotonePieces(KnownMap):
             with np.errstate(all="ignore"):
                 return np.asarray((self(y) < z) == rising)
 
-        # An infinite end is replaced by one far enough out.
+        # An infinite end is replaced by one far enough out from the other end, or from zero.
+        anchors = [knot if math.isfinite(knot) else 0.0 for knot in (self.knots[i + 1], self.knots[i])]
         reach = 1.0
         while (np.isinf(low).any() or np.isinf(high).any()) and reach < 1e300:
-            start = 0.0 if math.isinf(low[0]) and math.isinf(high[0]) else None
-            trial_low = np.full(z.shape, (start if start is not None else self.knots[i + 1]) - reach)
-            trial_high = np.full(z.shape, (start if start is not None else self.knots[i]) + reach)
+            trial_low, trial_high = np.full(z.shape, anchors[0] - reach), np.full(z.shape, anchors[1] + reach)
             if np.isinf(low).any() and np.all(below(trial_low)):
                 low = trial_low
             if np.isinf(high).any() and not np.any(below(trial_high)):

@@ -49,7 +49,7 @@ class Preimage:
     --------
     >>> from sysid.nonlinearities import DEAD_ZONE, PiecewiseAffine
     >>> PiecewiseAffine.of(DEAD_ZONE, 1.0).preimage([0.0, 2.0])
-    Preimage of 2 samples: boxes (1 of them points), 10^0 regions, 0 data moved into the range
+    Preimage of 2 samples: boxes (1 of them points), 1 regions, 0 data moved into the range
     """
 
     first: Indices
@@ -87,6 +87,12 @@ class Preimage:
         return float(np.sum(np.log10(self.counts)))
 
     @property
+    def regions(self) -> str:
+        """The number of regions as text, rounded where it is large."""
+        power = self.log10_regions
+        return f"{10**power:.0f}" if power < 6 else f"{10 ** (power % 1):.1f}e{int(power)}"
+
+    @property
     def has_no_scale(self) -> bool:
         """Whether every part ends at 0 or infinity only, so that no multiple of y can be told from y."""
         ends = np.concatenate([self.lower, self.upper])
@@ -112,7 +118,7 @@ class Preimage:
         points = int(np.sum(self.is_point))
         return (
             f"Preimage of {self.n_samples} samples: {self.kind} ({points} of them points), "
-            f"10^{self.log10_regions:.3g} regions, {self.moved.size} data moved into the range"
+            f"{self.regions} regions, {self.moved.size} data moved into the range"
         )
 
 

@@ -109,7 +109,7 @@ def finite_sets(problem: Criterion, preimage: Preimage, keep: int, node_limit: i
     status = (
         f"stopped at the limit of {node_limit} nodes: a better sequence may exist; raise node_limit"
         if stopped
-        else f"global minimum over all 10^{preimage.log10_regions:.1f} regions: {nodes} nodes were needed"
+        else f"global minimum over all {preimage.regions} regions: {nodes} nodes were needed"
     )
     return Outcome(tuple(kept), "branch and bound", status, not stopped, nodes)
 
@@ -159,7 +159,7 @@ def mixed(
             found.append(best)
             effort += iterations
         status = (
-            f"best of {starts} searches among 10^{preimage.log10_regions:.1f} regions: a better one may "
+            f"best of {starts} searches among {preimage.regions} regions: a better one may "
             "exist; raise region_limit to examine all, or starts"
         )
     found.sort(key=lambda one: one.rank)

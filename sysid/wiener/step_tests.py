@@ -16,8 +16,8 @@ def nonlinearity_from_steps(
     """Return the nonlinearity that step tests show: piecewise linear, flat where it hardly rises.
 
     Section 6 of Lacy, Erwin and Bernstein (2001): after a step of amplitude u the output settles at
-    N(G(1) u), and as gain can be moved between the two blocks G(1) = 1 may be taken; identify the linear system with
-    ``normalisation="dc-gain"``, eq. (28). A system with G(1) = 0 settles at N(0) for every step.
+    N(G(1) u), and as gain can be moved between the two blocks G(1) = 1 may be taken; identify the linear
+    system with ``normalisation="dc-gain"``, eq. (28). A system with G(1) = 0 settles at N(0) for every step.
 
     Parameters
     ----------
