@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
 from scipy.optimize import least_squares
 from scipy.stats import norm
 
@@ -62,10 +61,13 @@ def test_moments_of_an_interval_are_those_of_quadrature(low, high):
     reach = 12.0 if near == 0 else min(12.0, 60.0 / abs(near))
     a, b = max(low, near - reach), min(high, near + reach)
 
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    edges = np.linspace(a, b, 61)
+    centre, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
+    t = centre[:, np.newaxis] + half[:, np.newaxis] * nodes
+
     def integral(power):
-        return quad(
-            lambda t: t**power * math.exp(scale - 0.5 * t * t), a, b, epsabs=1e-14, epsrel=1e-12, limit=200
-        )[0]
+        return float(np.sum(half[:, np.newaxis] * weights * t**power * np.exp(scale - 0.5 * t**2)))
 
     mass = integral(0)
     assert log_mass == pytest.approx(math.log(mass) - scale - 0.5 * math.log(2 * math.pi), abs=1e-10)
