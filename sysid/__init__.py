@@ -17,6 +17,7 @@ _PUBLIC = {
     "correlation_method": "sysid.hammerstein",
     "fit_output_error": "sysid.linear",
     "fit_physics": "sysid.physics",
+    "identify_wiener": "sysid.wiener",
     "load_model": "sysid.physics",
     "read_record": "sysid.data",
     "search_method": "sysid.hammerstein",
