@@ -70,8 +70,8 @@ def test_branch_and_bound_against_brute_force(benchmark, table):
     fast = seconds(lambda: identify_wiener(data.u, data.z, known, 2))
     middle, low, high = ratio(slow, fast)
     table(
-        f"\n12 samples, {len(sequences)} sequences: brute force takes {middle:.0f} ({low:.0f}-{high:.0f}) times "
-        "as long"
+        f"\n12 samples, {len(sequences)} sequences: brute force takes {middle:.0f} ({low:.0f}-{high:.0f}) "
+        "times as long"
     )
     benchmark.extra_info["brute_force_over_search"] = middle
     long = ExampleRun("sine").experiment(np.random.default_rng(0))
@@ -118,8 +118,8 @@ def test_bounded_descent_against_scipy(benchmark, table, case):
 
     middle, low, high = ratio(seconds(scipy), seconds(ours))
     table(
-        f"\n{case}: one start of L-BFGS-B takes {middle:.1f} ({low:.1f}-{high:.1f}) times as long as eight of "
-        f"ours; costs {scipy().fun:.6g} and {ours().cost:.6g}"
+        f"\n{case}: one start of L-BFGS-B takes {middle:.1f} ({low:.1f}-{high:.1f}) times as long as eight "
+        f"of ours; costs {scipy().fun:.6g} and {ours().cost:.6g}"
     )
     benchmark.extra_info["scipy_over_ours"] = middle
     benchmark.pedantic(ours, rounds=REPEATS, warmup_rounds=1)

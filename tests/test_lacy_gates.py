@@ -159,7 +159,7 @@ def test_consistency_gates():
         ),
     ):
         studies = {
-            f"{CONSISTENT}/n={n}": study(kind(CONSISTENT, n), case=f"{CONSISTENT}/n={n}") for n in SIZES
+            f"{CONSISTENT}/n={n}": study(kind(CONSISTENT, n), 40, case=f"{CONSISTENT}/n={n}") for n in SIZES
         }
         gates = red(checks.consistency_gates(consistency_numbers(studies)))
         assert expected <= gates

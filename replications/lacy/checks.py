@@ -192,9 +192,9 @@ def consistency_gates(numbers: Mapping[str, float]) -> list[Gate]:
                 f"slope/dead-zone/ml/{name}",
                 numbers[f"slope/ml/{name}"] - numbers[f"slope/bound/{name}"],
                 0.0,
-                0.35,
-                "falls with N as the bound does; a slope of four RMSEs over 20 to 50 runs has a standard "
-                "error of 0.06, and 30 samples are not asymptotic",
+                0.45,
+                "falls with N as the bound does; the slope of three RMSEs over 40 runs has a standard error "
+                "of 0.12",
             )
         )
         found.append(
@@ -203,7 +203,7 @@ def consistency_gates(numbers: Mapping[str, float]) -> list[Gate]:
                 numbers[f"efficiency/ml/{name}/240"],
                 0.4,
                 "monte-carlo-band",
-                "near one at 240 samples; over 20 runs a ratio of variances has a spread of a third",
+                "near one at 240 samples; over 40 runs it has a spread of a quarter",
             )
         )
     for name in ("a1", "a2"):

@@ -16,7 +16,7 @@ from sysid.claims import judge, read
 from sysid.montecarlo import Study, Task
 from sysid.replication import PaperResult, Session
 
-SIZES = (30, 60, 120, 240)
+SIZES = (60, 120, 240)
 """Numbers of samples of the dead zone at which the error is measured."""
 CONSISTENT = "dead-zone"
 _TRUE = dict(zip(setting.PARAMETERS, setting.TRUE.tolist(), strict=True))
@@ -51,7 +51,7 @@ class Lacy:
         for case in setting.EXAMPLES:
             cases[f"noise-free/{case}"] = (ExampleRun(case, noisy=False), max(runs // 8, 10))
         for n in SIZES:
-            cases[f"{CONSISTENT}/n={n}"] = (ConsistencyRun(CONSISTENT, n), fewer)
+            cases[f"{CONSISTENT}/n={n}"] = (ConsistencyRun(CONSISTENT, n), max(runs // 4, 40))
         cases["step-tests"] = (step_tests.StepTestRun(), fewer)
         cases["step-tests/noise-free"] = (step_tests.StepTestRun(noisy=False), 10)
         return cases
