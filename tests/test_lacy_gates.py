@@ -120,7 +120,7 @@ def test_gates_without_noise(case):
 
 def test_noise_turns_the_gates_without_noise_red():
     numbers = noise_free_numbers("dead-zone", study(ExampleRun("dead-zone"), 5))
-    expected = {"noise-free/dead-zone/criterion", "noise-free/dead-zone/largest-error"}
+    expected = {"noise-free/dead-zone/criterion", "noise-free/dead-zone/error"}
     assert red(checks.noise_free_gates("dead-zone", numbers)) == expected
 
 

@@ -68,8 +68,8 @@ def nonlinearity(results: Results, case: str) -> Display:
     }[case]
     return display.figure(
         drawing,
-        f"Figure {example.figures[0]} regenerated: {example.title.lower()}, {example.samples} "
-        f"samples, one record.",
+        f"Figure {example.figures[0]} regenerated: {example.title.lower()}, {example.samples} samples, "
+        "one record.",
         reading,
     )
 
@@ -96,9 +96,9 @@ def response(results: Results, case: str) -> Display:
     matched = " Gains are matched: signs do not tell them." if case == "sign" else ""
     return display.figure(
         drawing,
-        f"Figure {example.figures[1]} regenerated: frequency response of the actual and the "
-        f"identified systems.",
-        f"Errors are scored left of the line at 2 rad; beyond it the zero of G at −0.966 makes them "
+        f"Figure {example.figures[1]} regenerated: frequency response of the actual and the identified "
+        "systems.",
+        "Errors are scored left of the line at 2 rad; beyond it the zero of G at −0.966 makes them "
         f"meaningless.{matched}",
     )
 
@@ -132,9 +132,8 @@ def spread(results: Results) -> Display:
     return display.figure(
         drawing,
         "Medians of the root-mean-square errors of the frequency response on 0.01 … 2 rad.",
-        "The paper's method removes most of the error of ignoring the nonlinearity; maximum "
-        "likelihood comes close "
-        "to the bound.",
+        "The paper's method removes most of the error of ignoring the nonlinearity; maximum likelihood "
+        "comes close to the bound.",
     )
 
 
@@ -164,8 +163,7 @@ def consistency(results: Results) -> Display:
         drawing,
         "Behind the dead zone: root-mean-square error against the number of samples, S/N = 10.",
         "Maximum likelihood follows the bound. The preimage method minimises an equation error whose "
-        "regressors "
-        "carry the noise: in $a_2$ its error stops falling at the bias (bar).",
+        "regressors carry the noise: in $a_2$ its error stops falling at the bias (bar).",
     )
 
 

@@ -85,8 +85,8 @@ def information_bound(
     values, vectors = np.linalg.eigh(information / np.outer(size, size))
     if values[0] <= _SINGULAR * values[-1]:
         raise IdentifiabilityError(
-            "the Fisher information is singular: the experiment does not determine every parameter; use more "
-            "samples or an input that excites more"
+            "the Fisher information is singular: the experiment does not determine every parameter; use "
+            "more samples or an input that excites more"
         )
     covariance = (vectors / values) @ vectors.T / np.outer(size, size)
     return np.asarray(covariance[: 2 * order + 1, : 2 * order + 1])

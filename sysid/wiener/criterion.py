@@ -186,6 +186,6 @@ def check_excitation(u: Floats, order: int) -> None:
     rank = int(np.sum(values > 1e-10 * max(values[0], 1e-300)))
     if rank < order + 1:
         raise IdentifiabilityError(
-            f"the input does not excite: {rank} of the {order + 1} lagged inputs u(k) ... u(k-{order}) are "
-            "independent; use an input with more frequencies, e.g. white noise"
+            f"the input does not excite: {rank} of the {order + 1} lagged inputs u(k) ... u(k-{order}) "
+            "are independent; use an input with more frequencies, e.g. white noise"
         )

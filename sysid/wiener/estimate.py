@@ -156,8 +156,8 @@ def identify_wiener(
     outputs = np.array(z, dtype=np.float64)
     if inputs.shape != outputs.shape:
         raise DataError(
-            f"the input has {inputs.size} samples and the output {outputs.size}: give two sequences "
-            f"of one length"
+            f"the input has {inputs.size} samples and the output {outputs.size}: give two sequences of "
+            "one length"
         )
     for name, value in (("starts", starts), ("keep", keep), ("node_limit", node_limit)):
         if value < 1:
@@ -213,7 +213,6 @@ def _refuse_zero(nonlinearity: KnownMap, preimage: Preimage) -> None:
     """Refuse data that y = 0 explains: then any small enough system does."""
     if np.all(preimage.nearest(np.zeros(preimage.n_samples)) == 0.0) and not preimage.has_no_scale:
         raise IdentifiabilityError(
-            f"{nonlinearity.name}: y = 0 explains all {preimage.n_samples} data, so every small "
-            f"enough system "
-            "does: use a larger input, until the output leaves the constant region"
+            f"{nonlinearity.name}: y = 0 explains all {preimage.n_samples} data, so every small enough "
+            "system does: use a larger input, until the output leaves the constant region"
         )

@@ -59,8 +59,8 @@ def identifiability(
         parts.append("the sign of the gain is not identifiable: -y gives the same output")
     if rank < unknowns:
         parts.append(
-            f"of {unknowns} unknowns {rank} are fixed by samples without constant region, the others "
-            f"are bounded"
+            f"of {unknowns} unknowns {rank} are fixed by samples without constant region, the others are "
+            "bounded"
         )
     sentence = "; ".join(parts) or "all parameters are identifiable"
     return Identifiability(gain, gain_sign, rank, unknowns, sentence)

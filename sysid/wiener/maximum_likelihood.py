@@ -159,8 +159,8 @@ def maximum_likelihood(
             best = point, value, reason
     if best is None:
         raise IdentifiabilityError(
-            "the likelihood is zero at every start: the data contradict the nonlinearity, or the "
-            "starts diverge"
+            "the likelihood is zero at every start: the data contradict the nonlinearity, or the starts "
+            "diverge"
         )
     point, value, reason = best
     theta, state = point[: 2 * n + 1], point[2 * n + 1 : 3 * n + 1]

@@ -159,8 +159,8 @@ def mixed(
             found.append(best)
             effort += iterations
         status = (
-            f"best of {starts} searches among {preimage.regions} regions: a better one may "
-            "exist; raise region_limit to examine all, or starts"
+            f"best of {starts} searches among {preimage.regions} regions: a better one may exist; raise "
+            "region_limit to examine all, or starts"
         )
     found.sort(key=lambda one: one.rank)
     return Outcome(tuple(found[:starts]), "mixed", status, False, effort)

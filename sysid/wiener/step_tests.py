@@ -66,8 +66,8 @@ def nonlinearity_from_steps(
     whole = float(np.ptp(z))
     if whole == 0.0:
         raise IdentifiabilityError(
-            f"all {u.size} steps settle at {z[0]:g}: G(1) is zero or every step lies in one constant region; "
-            "step tests cannot show this nonlinearity"
+            f"all {u.size} steps settle at {z[0]:g}: G(1) is zero or every step lies in one constant "
+            "region; step tests cannot show this nonlinearity"
         )
     # Runs of flat segments share one level, the mean of their ends, so that the region stays one.
     level = z.copy()
