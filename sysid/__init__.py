@@ -23,6 +23,7 @@ _PUBLIC = {
     "fit_physics": "sysid.physics",
     "identify_levels": "sysid.recursive",
     "fit_state_space": "sysid.linear",
+    "identify_wiener": "sysid.wiener",
     "load_model": "sysid.physics",
     "make_record": "sysid.data",
     "read_record": "sysid.data",
