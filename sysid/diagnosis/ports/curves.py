@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 BAND = 1.959963984540054  # 97.5 % quantile of the normal distribution
 # Below this share a port is said to explain nothing.
 NOTHING = 0.02
+# A coarser or another curve is shown instead if it removes so much more of the judged error.
+CLEARLY_MORE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +175,7 @@ def explore_ports(
     return tuple(sorted(curves, key=lambda curve: -curve.explains_at_most))
 
 
-def _curve(record: Record, port: Port, baseline: tuple[Loop, Floats], fit: PortFit | None) -> PortCurve:
+def _curve(record: Record, port: Port, baseline: tuple[Loop, Floats], fits: list[PortFit]) -> PortCurve:
     empty = np.zeros(0)
     blank = PortCurve(
         port=port.kind,
@@ -193,10 +195,9 @@ def _curve(record: Record, port: Port, baseline: tuple[Loop, Floats], fit: PortF
         status="no run with a curve at this port stays bounded, or what it depends on does not vary",
         sentence=f"No curve could be fitted at the {port.kind}: it has no data, or the run diverges.",
     )
-    if fit is None:
+    if not fits:
         return blank
-    errors = judged_errors(fit.loop, fit.point, baseline)
-    share, interval = explained(judged_errors(*baseline), errors)
+    fit, share, interval = _best_judged(baseline, fits)
     shape = shape_of(fit)
     return replace(
         blank,
@@ -208,18 +209,26 @@ def _curve(record: Record, port: Port, baseline: tuple[Loop, Floats], fit: PortF
         upper=shape.centre + BAND * shape.spread,
         density=shape.density,
         knots=fit.loop.knots,
-        status=_status(fit, errors),
+        status=_status(fit),
         sentence=_sentence(port, share),
     )
 
 
-def _status(fit: PortFit, errors: list[Floats]) -> str:
-    status = "the fit converged"
-    if not fit.converged:
-        status = "the fit stopped before it converged: a better curve may exist"
-    if not all(np.isfinite(error).all() for error in errors):
-        status += "; the run with the curve diverges on the rows that judge it"
-    return status
+def _best_judged(
+    baseline: tuple[Loop, Floats], fits: list[PortFit]
+) -> tuple[PortFit, float, tuple[float, float]]:
+    """Return the fit to be shown: the first one unless another removes clearly more of the judged error."""
+    alone = judged_errors(*baseline)
+    judged = [explained(alone, judged_errors(fit.loop, fit.point, baseline)) for fit in fits]
+    best = max(range(len(fits)), key=lambda number: judged[number][0])
+    chosen = best if judged[best][0] > judged[0][0] + CLEARLY_MORE else 0
+    return fits[chosen], *judged[chosen]
+
+
+def _status(fit: PortFit) -> str:
+    if fit.converged:
+        return "the fit converged"
+    return "the fit stopped before it converged: a better curve may exist"
 
 
 def _sentence(port: Port, share: float) -> str:

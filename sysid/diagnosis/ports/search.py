@@ -17,7 +17,8 @@ INTERVALS = (6, 12, 24)
 FEWEST_POINTS = 8
 # A start is searched this far, the best one then goes on.
 FIRST_EVALUATIONS = 15
-EVALUATIONS = 40
+EVALUATIONS = 25
+LEADING = 2
 HALF_WIDTH = 3  # rows on each side from which a rate of change is measured
 
 
@@ -54,8 +55,11 @@ def fit_baseline(plant: Plant, port: Port, stretches: tuple[Stretch, ...]) -> tu
     return loop, start if minimum is None else minimum.x
 
 
-def fit_port(port: Port, baseline: tuple[Loop, Floats]) -> PortFit | None:
+def fit_port(port: Port, baseline: tuple[Loop, Floats]) -> list[PortFit]:
     """Fit a map at a port, together with the plant, on finer and finer knots.
+
+    The knots are refined as long as the information criterion falls, and once more: one step finer
+    than needed, the band covers what coarser knots leave out.
 
     Parameters
     ----------
@@ -65,28 +69,33 @@ def fit_port(port: Port, baseline: tuple[Loop, Floats]) -> PortFit | None:
 
     Returns
     -------
-    PortFit or None
-        None if the map's input does not vary or the run diverges from every start.
+    list of PortFit
+        The one to be shown first, then the other ones; empty if the map's input does not vary or
+        the run diverges from every start.
     """
     feeds = _feeds(port, baseline)
     if any(np.ptp(np.concatenate(feed)) == 0.0 for feed in feeds):
-        return None
-    best = _coarse(port, baseline, feeds)
-    if best is None:
-        return None
-    criterion = _information(best)
+        return []
+    leaders = _coarse(port, baseline, feeds)[:LEADING]
+    leaders = [_refined(fit, baseline, INTERVALS[0]) or fit for fit in leaders]
+    found = list(leaders)
     for n_intervals in INTERVALS[1:]:
-        finer = _refined(best, baseline, n_intervals)
-        if finer is None:
+        finer = [fit for fit in (_refined(old, baseline, n_intervals) for old in leaders) if fit]
+        if not finer:
             break
-        best, before, criterion = finer, criterion, _information(finer)
-        if criterion >= before:
-            break  # one step finer than needed: then the band covers what the knots leave out
-    return best
+        found += finer
+        better = min(map(_information, finer)) < min(map(_information, leaders))
+        leaders = [min(finer, key=lambda fit: fit.loop.error(fit.point))]
+        if not better:
+            break
+    if not leaders:
+        return []
+    shown = min(leaders, key=lambda fit: fit.loop.error(fit.point))
+    return [shown, *(fit for fit in found if fit is not shown)]
 
 
-def _coarse(port: Port, baseline: tuple[Loop, Floats], feeds: list[tuple[Floats, ...]]) -> PortFit | None:
-    """Return the best end of the searches from all starts, on the coarsest knots.
+def _coarse(port: Port, baseline: tuple[Loop, Floats], feeds: list[tuple[Floats, ...]]) -> list[PortFit]:
+    """Return the ends of the searches from all starts, on the coarsest knots, the best first.
 
     A feedback loop is first opened: the map is fed with what was measured, or with the free run of
     the plant alone, so that nothing can diverge; then it is closed.  It is also searched closed at once.
@@ -107,10 +116,7 @@ def _coarse(port: Port, baseline: tuple[Loop, Floats], feeds: list[tuple[Floats,
             end = loop.descend(end.x, FIRST_EVALUATIONS)
         if end is not None:
             ends.append(_as_fit(loop, end, lines))
-    if not ends:
-        return None
-    best = min(ends, key=lambda fit: fit.loop.error(fit.point))
-    return _refined(best, baseline, INTERVALS[0]) or best
+    return sorted(ends, key=lambda fit: fit.loop.error(fit.point))
 
 
 def _refined(fit: PortFit, baseline: tuple[Loop, Floats], n_intervals: int) -> PortFit | None:
