@@ -1,14 +1,14 @@
 """The least-squares problem of a linear plant with one map in its loop."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
 
 from sysid.data.record import Mask
 from sysid.diagnosis.ports.kernels import differentiate_loop, run_loop
-from sysid.diagnosis.ports.plants import Plant, Port
+from sysid.diagnosis.ports.plants import Matrices, Plant, Port
 from sysid.linear.forms import Floats
 from sysid.separable.descent import Minimum, Residual, descend
 
@@ -76,6 +76,7 @@ class Loop:
     directions: Floats
     prior: Floats
     fed: tuple[Floats, ...]
+    kept: dict[bytes, Matrices | None] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def limit(self) -> float:
@@ -108,14 +109,17 @@ class Loop:
         return found
 
     def run(self, point: Floats, starts: Sequence[Floats] | None = None) -> list[tuple[Floats, Floats]]:
-        """Return the output and the map's input in each stretch; not finite where the run diverges."""
-        matrices = self.plant.matrices(point[: self.n_plant], self.port)
+        """Return the output and the map's input in each stretch; not finite where the run diverges.
+
+        Stretches without fitted rows are run only with initial states of their own.
+        """
+        matrices = self._matrices(point)
         coefficients = self.coefficients(point)
         found = []
         for number, start in enumerate(self.starts(point) if starts is None else starts):
-            v = self.stretches[number].v
+            stretch, v = self.stretches[number], self.stretches[number].v
             y, z = np.full(v.shape[0], np.nan), np.full(v.shape[0], np.nan)
-            if matrices is not None:
+            if matrices is not None and (starts is not None or stretch.fitted.any()):
                 A, B, C, D, E, G, H = matrices.values
                 run_loop(
                     *(A, B, C, D, E),
@@ -140,7 +144,7 @@ class Loop:
 
     def derivative(self, point: Floats, number: int, start: Floats) -> Floats:
         """Return d(output)/d(plant, coefficients, initial state) in one stretch."""
-        matrices = self.plant.matrices(point[: self.n_plant], self.port)
+        matrices = self._matrices(point)
         assert matrices is not None
         v = self.stretches[number].v
         J = np.empty((v.shape[0], self.n_plant + self.directions.shape[0] + self.plant.order))
@@ -225,6 +229,14 @@ class Loop:
         """Return what the map is fed with on the fitted rows."""
         runs = self.run(point)
         return np.concatenate([z[s.fitted] for s, (_, z) in zip(self.stretches, runs, strict=True)])
+
+    def _matrices(self, point: Floats) -> Matrices | None:
+        """Return the plant's matrices; those of the last point are kept."""
+        key = point[: self.n_plant].tobytes()
+        if key not in self.kept:
+            self.kept.clear()
+            self.kept[key] = self.plant.matrices(point[: self.n_plant], self.port)
+        return self.kept[key]
 
     def _known(self, number: int) -> Floats:
         return self.fed[number] if self.fed else np.zeros(1)

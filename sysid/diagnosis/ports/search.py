@@ -17,7 +17,7 @@ INTERVALS = (6, 12, 24)
 FEWEST_POINTS = 8
 # A start is searched this far, the best one then goes on.
 FIRST_EVALUATIONS = 15
-EVALUATIONS = 25
+EVALUATIONS = 40
 LEADING = 2
 HALF_WIDTH = 3  # rows on each side from which a rate of change is measured
 
