@@ -22,7 +22,7 @@ class LinearPlant:
     stand in front, so that any number of inputs shares the states of one A.
     """
 
-    owns_slopes = True
+    black_box = True
 
     def __init__(self, fit: OutputErrorFit):
         structure = fit.structure

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
@@ -18,6 +18,8 @@ NEGLIGIBLE = 1e-5
 # A run is given up when it exceeds the largest measured value so many times.
 DIVERGENCE = 1e3
 OPENING_EVALUATIONS = 40
+# Combinations of the plant's parameters count as dependent below this relative effect.
+DEPENDENT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -205,15 +207,48 @@ class Loop:
         return parts
 
     def descend(self, start: Floats, evaluations: int) -> Minimum[Residual] | None:
-        """Search from a point; None if the run diverges there."""
+        """Search from a point; None if the run diverges there.
+
+        Near an integrator the parameters of a black box and initial states are all but dependent, and
+        damping would hold back just the combinations that matter: orthogonal ones are searched.
+        """
         if not np.isfinite(self.residual(start)).all():
             return None
-        return descend(
-            lambda x: Residual(self.residual(x), partial(self.jacobian, x)),
-            start,
+        shape = self._orthogonal_combinations(start) if self.plant.black_box else np.eye(start.size)
+        minimum = descend(
+            lambda x: Residual(
+                self.residual(start + shape @ x), lambda: self.jacobian(start + shape @ x) @ shape
+            ),
+            np.zeros(start.size),
             negligible=NEGLIGIBLE,
             max_evaluations=evaluations,
         )
+        return replace(minimum, x=start + shape @ minimum.x)
+
+    def with_best_starts(self, point: Floats) -> Floats:
+        """Return the point with the initial states that fit best while the plant stands alone."""
+        first = self.n_plant + self.n_weights
+        if first == point.size:
+            return point
+        J, r = self.jacobian(point)[:, first:], self.residual(point)
+        scale = np.linalg.norm(J, axis=0)
+        scale[scale == 0.0] = 1.0
+        better = point.copy()
+        better[first:] -= np.linalg.lstsq(J / scale, r, rcond=DEPENDENT)[0] / scale
+        return better
+
+    def _orthogonal_combinations(self, point: Floats) -> Floats:
+        """Return the combinations, one a column, in which the plant's effect has orthogonal parts."""
+        own = np.ones(point.size, dtype=bool)
+        own[self.n_plant : self.n_plant + self.n_weights] = False
+        J = self.jacobian(point)[:, own]
+        scale = np.linalg.norm(J, axis=0)
+        scale[scale == 0.0] = 1.0
+        _, values, right = np.linalg.svd(np.linalg.qr(J / scale, mode="r"))
+        shape = np.eye(point.size)
+        size = np.maximum(values, DEPENDENT * values[0])
+        shape[np.ix_(own, own)] = right.T / size / scale[:, np.newaxis]
+        return shape
 
     def error(self, point: Floats) -> float:
         """Return the sum of squared errors on the fitted rows, the prior left out."""

@@ -24,7 +24,7 @@ class PhysicsPlant:
     if that is a state of its own (a position with its velocity), otherwise in the output's equation.
     """
 
-    owns_slopes = False
+    black_box = False
 
     def __init__(self, fit: PhysicsFit):
         self.fit = fit

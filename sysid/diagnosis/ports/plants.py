@@ -75,11 +75,11 @@ class Port:
 class Plant(Protocol):
     """What the fit of a port needs of a model.
 
-    ``owns_slopes`` says that a straight line at a port is the linear part's in any case: it has no
-    parameters with a meaning of their own.
+    ``black_box`` says that the parameters have no meaning of their own: a straight line at a port is
+    the plant's in any case, and the search may go along any combinations of them.
     """
 
-    owns_slopes: bool
+    black_box: bool
     order: int
     lag: int
     free_start: bool

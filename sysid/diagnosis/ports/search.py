@@ -50,7 +50,7 @@ def fit_baseline(plant: Plant, port: Port, stretches: tuple[Stretch, ...]) -> tu
     nothing = np.zeros((DEGREE + 1, 0))
     loop = Loop(plant, port.known(), stretches, np.array([0.0, 1.0]), nothing, np.zeros((0, 0)), fed)
     n_starts = sum(plant.order for s in stretches if s.free and s.fitted.any())
-    start = np.concatenate([plant.start, np.zeros(n_starts)])
+    start = loop.with_best_starts(np.concatenate([plant.start, np.zeros(n_starts)]))
     minimum = loop.descend(start, EVALUATIONS)
     return loop, start if minimum is None else minimum.x
 

@@ -95,7 +95,7 @@ def shape_of(fit: PortFit) -> Shape:
 
 def _lines_of_the_plant(fit: PortFit) -> Floats:
     """Return the lines to be taken out: weights on 1 and z."""
-    if fit.loop.plant.owns_slopes and not fit.lines[1].any():
+    if fit.loop.plant.black_box and not fit.lines[1].any():
         return np.column_stack([fit.lines, [0.0, 1.0]])
     return fit.lines
 
