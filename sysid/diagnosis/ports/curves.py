@@ -137,6 +137,8 @@ def explore_ports(
     ------
     UsageError
         If a port or the model is not known.
+    ModelError
+        If a physical model is not linear in state and input.
     DataError
         If there are no rows to fit or to judge.
 
@@ -210,7 +212,7 @@ def _curve(record: Record, port: Port, baseline: tuple[Loop, Floats], fits: list
         density=shape.density,
         knots=fit.loop.knots,
         status=_status(fit),
-        sentence=_sentence(port, share),
+        sentence=_sentence(port, share, interval[0]),
     )
 
 
@@ -231,13 +233,14 @@ def _status(fit: PortFit) -> str:
     return "the fit stopped before it converged: a better curve may exist"
 
 
-def _sentence(port: Port, share: float) -> str:
+def _sentence(port: Port, share: float, lowest: float) -> str:
     place = {
-        "input": "A static curve at the input",
+        "input": f"A static curve at the input {port.quantity}",
         "output": "A static curve at the output",
-        "position": f"A force that depends on {port.quantity}",
-        "velocity": f"A force that depends on {port.quantity}",
+        "position": f"A force that depends on the position ({port.quantity})",
+        "velocity": f"A force that depends on the velocity ({port.quantity})",
     }[port.kind]
     if share < NOTHING:
         return f"{place} removes none of the error."
-    return f"{place} removes at most {percent(share)} of the error."
+    chance = ", which may be chance" if lowest <= 0.0 else ""
+    return f"{place} removes at most {percent(share)} of the error{chance}."

@@ -24,6 +24,7 @@ def run_loop(
     E: Floats,
     G: float,
     H: Floats,
+    K: Floats,
     v: Floats,
     known: Floats,
     mode: int,
@@ -62,6 +63,8 @@ def run_loop(
             z[k] = 0.0
             for j in range(n):
                 z[k] += H[j] * state[j]
+            for j in range(m):
+                z[k] += K[j] * v[k, j]
         elif mode == RATE:
             z[k] = (value - before) * rate if k > 0 else 0.0
         else:
@@ -101,6 +104,7 @@ def differentiate_loop(
     E: Floats,
     G: float,
     H: Floats,
+    K: Floats,
     dA: Floats,
     dB: Floats,
     dC: Floats,
@@ -108,6 +112,7 @@ def differentiate_loop(
     dE: Floats,
     dG: Floats,
     dH: Floats,
+    dK: Floats,
     v: Floats,
     known: Floats,
     mode: int,
@@ -159,6 +164,8 @@ def differentiate_loop(
         elif mode == STATE:
             for j in range(n):
                 sensed += H[j] * state[j]
+            for j in range(m):
+                sensed += K[j] * v[k, j]
             for q in range(width):
                 slope = 0.0
                 for j in range(n):
@@ -166,6 +173,8 @@ def differentiate_loop(
                 if q < n_plant:
                     for j in range(n):
                         slope += dH[q, j] * state[j]
+                    for j in range(m):
+                        slope += dK[q, j] * v[k, j]
                 fed[q] = slope
         elif mode == RATE:
             if k > 0:

@@ -111,8 +111,8 @@ class LinearPlant:
             dG = np.ascontiguousarray(dD[:, m + port.channel])
         E, dE = np.ascontiguousarray(B[:, port.channel]), np.ascontiguousarray(dB[:, :, port.channel])
         return Matrices(
-            (np.ascontiguousarray(A.T), B, b, D, E, G, np.zeros(n)),
-            (d_A, dB, dC, dD, dE, dG, np.zeros((P, n))),
+            (np.ascontiguousarray(A.T), B, b, D, E, G, np.zeros(n), np.zeros(n_channels)),
+            (d_A, dB, dC, dD, dE, dG, np.zeros((P, n)), np.zeros((P, n_channels))),
         )
 
 

@@ -122,11 +122,12 @@ class Loop:
             stretch, v = self.stretches[number], self.stretches[number].v
             y, z = np.full(v.shape[0], np.nan), np.full(v.shape[0], np.nan)
             if matrices is not None and (starts is not None or stretch.fitted.any()):
-                A, B, C, D, E, G, H = matrices.values
+                A, B, C, D, E, G, H, K = matrices.values
                 run_loop(
                     *(A, B, C, D, E),
                     G,
                     H,
+                    K,
                     v,
                     self._known(number),
                     self.port.mode,
@@ -150,11 +151,12 @@ class Loop:
         assert matrices is not None
         v = self.stretches[number].v
         J = np.empty((v.shape[0], self.n_plant + self.directions.shape[0] + self.plant.order))
-        A, B, C, D, E, G, H = matrices.values
+        A, B, C, D, E, G, H, K = matrices.values
         differentiate_loop(
             *(A, B, C, D, E),
             G,
             H,
+            K,
             *matrices.slopes,
             v,
             self._known(number),

@@ -39,7 +39,10 @@ class PhysicsPlant:
         forced = with_force(model, self.velocity)
         form = linear_form(forced, self.names)
         if form is None:
-            raise ModelError(f"model {model.name!r} is not linear in state and input")
+            raise ModelError(
+                f"model {model.name!r} is not linear in state and input, and curves at ports are fitted "
+                "around linear parts only: fix its nonlinear terms at zero, or take the model 'linear'"
+            )
         self.form = form
         self.simulator = Simulator(model, fit.period, searched=self.names)
         self.positive = np.array([model.parameter(name).positive for name in self.names], dtype=bool)
@@ -89,17 +92,22 @@ class PhysicsPlant:
         return np.ascontiguousarray(self.channels(u)[:, channel])
 
     def matrices(self, parameters: Floats, port: Port) -> Matrices | None:
-        """Return the exact recursion for inputs and force held between samples."""
+        """Return the exact recursion for inputs and force held between samples.
+
+        The force is that of the state half a sample ahead, as the plant without it would be: held
+        from the state at the sample it would lag by half a sample and take damping away.
+        """
         d = discretise(self.form, self.values(parameters), self.period, slopes=True)
         if not (np.isfinite(d.A).all() and np.isfinite(d.A_slopes).all()):
             return None
-        n, n_inputs = self.order, len(self.fit.model.inputs)
+        n_inputs = len(self.fit.model.inputs)
         P = len(self.names)
         kept = [*range(n_inputs), n_inputs + 1]
         force = port.channel if port.kind == "input" else n_inputs
         chain = np.where(self.positive, np.exp(np.where(self.positive, parameters, 0.0)), 1.0)
-        H = np.zeros(n)
-        H[port.state] = 1.0
+        half = discretise(self.form, self.values(parameters), 0.5 * self.period, slopes=True)
+        H, dH = half.A[port.state].copy(), half.A_slopes[:, port.state] * chain[:, np.newaxis]
+        K, dK = half.B[port.state, kept], half.B_slopes[:, port.state][:, kept] * chain[:, np.newaxis]
         behind = port.mode == BEHIND
         scale = chain[:, np.newaxis]
         E, G = np.ascontiguousarray(d.B[:, force]), 1.0 if behind else float(d.D[0, force])
@@ -108,8 +116,8 @@ class PhysicsPlant:
         dA, dD = d.A_slopes * chain[:, np.newaxis, np.newaxis], d.D_slopes[:, 0, kept] * scale
         dE = np.ascontiguousarray(dB[:, :, force])
         return Matrices(
-            (d.A, np.ascontiguousarray(d.B[:, kept]), d.C[0].copy(), d.D[0, kept], E, G, H),
-            (dA, np.ascontiguousarray(dB[:, :, kept]), dC, dD, dE, dG, np.zeros((P, n))),
+            (d.A, np.ascontiguousarray(d.B[:, kept]), d.C[0].copy(), d.D[0, kept], E, G, H, K),
+            (dA, np.ascontiguousarray(dB[:, :, kept]), dC, dD, dE, dG, dH, dK),
         )
 
 

@@ -18,18 +18,18 @@ PORTS = ("input", "output", "position", "velocity")
 
 @dataclass(frozen=True)
 class Matrices:
-    """x(k+1) = A x + B v + E s, y = C x + D v + G s, and H x is what the map may be fed with.
+    """x(k+1) = A x + B v + E s, y = C x + D v + G s; the map may be fed with H x + K v.
 
     Attributes
     ----------
     values : tuple
-        A, B, C, D, E, G, H, shapes (n, n), (n, m), (n,), (m,), (n,), (), (n,).
+        A, B, C, D, E, G, H, K, shapes (n, n), (n, m), (n,), (m,), (n,), (), (n,), (m,).
     slopes : tuple
         Their derivatives by the plant's parameters, stacked on a first axis.
     """
 
-    values: tuple[Floats, Floats, Floats, Floats, Floats, float, Floats]
-    slopes: tuple[Floats, Floats, Floats, Floats, Floats, Floats, Floats]
+    values: tuple[Floats, Floats, Floats, Floats, Floats, float, Floats, Floats]
+    slopes: tuple[Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats]
 
 
 @dataclass(frozen=True)
