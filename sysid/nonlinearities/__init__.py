@@ -34,6 +34,7 @@ from sysid.nonlinearities.memory import (
     SchmittTrigger,
 )
 from sysid.nonlinearities.pieces import AffinePieces
+from sysid.nonlinearities.segment import SEGMENT, SegmentMap, Segments
 from sysid.nonlinearities.spline import (
     Spline,
     absolute_power_basis,
@@ -54,6 +55,7 @@ __all__ = [
     "RELAY",
     "SATURATION",
     "SCHMITT_TRIGGER",
+    "SEGMENT",
     "TWO_SIDED_DEAD_ZONE",
     "TWO_SIDED_PRELOAD",
     "TWO_SIDED_RELAY",
@@ -67,6 +69,8 @@ __all__ = [
     "OneParameterMap",
     "Play",
     "SchmittTrigger",
+    "SegmentMap",
+    "Segments",
     "Spline",
     "StaticMap",
     "TwoSidedMap",
