@@ -287,12 +287,21 @@ def test_a_nonlinear_physical_model_is_refused():
         explore_ports(record, fit_physics(record, model))
 
 
-def test_a_constant_input_has_no_curve():
-    y = np.convolve(np.ones(300), 0.9 ** np.arange(300))[:300] * 0.1
-    y += 0.01 * np.random.default_rng(0).standard_normal(300)
-    record = make_record(np.r_[0.0, np.ones(299)], y, PERIOD)
-    curve = explore_ports(record, fit_output_error(record, 1), ports=("input",))[0]
-    assert curve.explains_at_most < 0.2
+def test_where_nothing_can_be_fitted_the_reason_is_given():
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(300)
+    y = np.convolve(u, 0.9 ** np.arange(300))[:300]
+    late = np.r_[np.ones(225), rng.standard_normal(75)]  # it moves on the held-out rows only
+    record = make_record(np.column_stack([u, late]), y + 0.01 * rng.standard_normal(300), PERIOD)
+    fit = fit_output_error(record, 1)
+    curves = {curve.channel: curve for curve in explore_ports(record, fit, ports=("input",))}
+    assert curves["u2"].value.size == 0
+    assert "does not vary" in curves["u2"].sentence
+    assert curves["u1"].value.size > 0
+    short = make_record(u[:40], y[:40], PERIOD)
+    curve = explore_ports(short, fit_output_error(short, 2), ports=("output",))[0]
+    assert "too few rows" in curve.sentence
+    assert curve.to_json()["curve"] == []
 
 
 def test_the_figure_has_a_panel_for_each_port_and_says_what_it_shows():

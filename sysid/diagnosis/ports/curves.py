@@ -10,7 +10,7 @@ from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.ports.loop import Loop
 from sysid.diagnosis.ports.plants import PORTS, Port, plant_of
-from sysid.diagnosis.ports.search import PortFit, fit_baseline, fit_port
+from sysid.diagnosis.ports.search import PortFit, enough_rows, fit_baseline, fit_port
 from sysid.diagnosis.ports.stretches import make_stretches
 from sysid.diagnosis.ports.uncertainty import explained, judged_errors, shape_of
 from sysid.diagnosis.scores import finite
@@ -170,6 +170,9 @@ def explore_ports(
         for number, port in enumerate(found):
             if progress is not None:
                 progress(number, len(found))
+            if not enough_rows(plant, stretches):
+                curves.append(_blank(record, port, "it has too few rows"))
+                continue
             baseline = fit_baseline(plant, port, stretches)
             curves.append(_curve(record, port, baseline, fit_port(port, baseline)))
     if progress is not None:
@@ -177,9 +180,10 @@ def explore_ports(
     return tuple(sorted(curves, key=lambda curve: -curve.explains_at_most))
 
 
-def _curve(record: Record, port: Port, baseline: tuple[Loop, Floats], fits: list[PortFit]) -> PortCurve:
+def _blank(record: Record, port: Port, reason: str) -> PortCurve:
+    """Return what is known of a port at which no curve was fitted."""
     empty = np.zeros(0)
-    blank = PortCurve(
+    return PortCurve(
         port=port.kind,
         channel=record.outputs[0] if port.kind == "output" else record.inputs[port.channel],
         quantity=port.quantity,
@@ -194,15 +198,18 @@ def _curve(record: Record, port: Port, baseline: tuple[Loop, Floats], fits: list
         upper=empty,
         density=empty,
         knots=empty,
-        status="no run with a curve at this port stays bounded, or what it depends on does not vary",
-        sentence=f"No curve could be fitted at the {port.kind}: it has no data, or the run diverges.",
+        status=f"not fitted: {reason}",
+        sentence=f"No curve could be fitted at the {port.kind} ({port.quantity}): {reason}.",
     )
+
+
+def _curve(record: Record, port: Port, baseline: tuple[Loop, Floats], fits: list[PortFit]) -> PortCurve:
     if not fits:
-        return blank
+        return _blank(record, port, "what it depends on does not vary, or the run diverges")
     fit, share, interval = _best_judged(baseline, fits)
     shape = shape_of(fit)
     return replace(
-        blank,
+        _blank(record, port, ""),
         explains_at_most=share,
         interval=interval,
         value=shape.value,

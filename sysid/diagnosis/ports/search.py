@@ -15,6 +15,7 @@ from sysid.separable.descent import Minimum, Residual
 # Intervals of the map: doubled as long as the information criterion falls, and once more.
 INTERVALS = (6, 12, 24)
 FEWEST_POINTS = 8
+FEWEST_ROWS_PER_UNKNOWN = 3
 # A start is searched this far, the best one then goes on.
 FIRST_EVALUATIONS = 15
 EVALUATIONS = 40
@@ -42,6 +43,12 @@ class PortFit:
     z: Floats
     lines: Floats
     converged: bool
+
+
+def enough_rows(plant: Plant, stretches: tuple[Stretch, ...]) -> bool:
+    """Tell whether there are several rows for each unknown of a map on the coarsest knots."""
+    unknowns = plant.start.size + plant.order * len(stretches) + INTERVALS[0] + DEGREE
+    return sum(int(s.fitted.sum()) for s in stretches) >= FEWEST_ROWS_PER_UNKNOWN * unknowns
 
 
 def fit_baseline(plant: Plant, port: Port, stretches: tuple[Stretch, ...]) -> tuple[Loop, Floats]:
@@ -74,7 +81,7 @@ def fit_port(port: Port, baseline: tuple[Loop, Floats]) -> list[PortFit]:
         the run diverges from every start.
     """
     feeds = _feeds(port, baseline)
-    if any(np.ptp(np.concatenate(feed)) == 0.0 for feed in feeds):
+    if any(np.ptp(_on_fitted_rows(baseline[0], feed)) == 0.0 for feed in feeds):
         return []
     leaders = _coarse(port, baseline, feeds)[:LEADING]
     leaders = [_refined(fit, baseline, INTERVALS[0]) or fit for fit in leaders]
@@ -122,6 +129,8 @@ def _coarse(port: Port, baseline: tuple[Loop, Floats], feeds: list[tuple[Floats,
 def _refined(fit: PortFit, baseline: tuple[Loop, Floats], n_intervals: int) -> PortFit | None:
     """Go on with so many intervals over the range that the map's input has now."""
     old, z = fit.loop, fit.z
+    if np.ptp(z) == 0.0:
+        return None
     knots = supported_knots(z, n_intervals, FEWEST_POINTS)
     if n_intervals != INTERVALS[0] and knots.size <= old.knots.size:
         return None
