@@ -13,7 +13,7 @@ from sysid.nonlinearities.spline import Spline, spline_basis, supported_knots
 from sysid.separable.descent import Minimum, Residual
 
 # Intervals of the map: doubled as long as the information criterion falls, and once more.
-INTERVALS = (6, 12, 24)
+INTERVALS = (6, 12, 24, 48)
 FEWEST_POINTS = 8
 FEWEST_ROWS_PER_UNKNOWN = 3
 # A start is searched this far, the best one then goes on.
