@@ -14,6 +14,8 @@ from sysid.separable.descent import Minimum, Residual
 
 # Intervals of the map: doubled as long as the information criterion falls, and once more.
 INTERVALS = (6, 12, 24, 48)
+# The finest ones take too long on many rows.
+MANY_ROWS, MOST_OF_MANY = 4_500, 24
 FEWEST_POINTS = 8
 FEWEST_ROWS_PER_UNKNOWN = 3
 # A start is searched this far, the best one then goes on.
@@ -86,7 +88,10 @@ def fit_port(port: Port, baseline: tuple[Loop, Floats]) -> list[PortFit]:
     leaders = _coarse(port, baseline, feeds)[:LEADING]
     leaders = [_refined(fit, baseline, INTERVALS[0]) or fit for fit in leaders]
     found = list(leaders)
+    many = baseline[0].map_inputs(baseline[1]).size > MANY_ROWS
     for n_intervals in INTERVALS[1:]:
+        if many and n_intervals > MOST_OF_MANY:
+            break
         finer = [fit for fit in (_refined(old, baseline, n_intervals) for old in leaders) if fit]
         if not finer:
             break

@@ -10,7 +10,7 @@ from sysid.errors import DataError, UsageError
 from sysid.linear.simulation import first_rows
 
 # Rows of all stretches together: the more states, the more a row costs.
-LARGEST_COST = 24_000
+LARGEST_COST = 32_000
 LEAST_ROWS, MOST_ROWS = 3_000, 8_000
 FITTED_WINDOWS, JUDGED_WINDOWS = 2, 2
 JUDGED_SHARE = 0.3
