@@ -31,7 +31,7 @@ _LAWS: Mapping[str, Callable[[Floats], Coefficients]] = {
     "constant_force": lambda p: {"constant": -p[0]},
     "op_gain": lambda p: {"gain": p[0], "gain_scale": max(p[1], 1e-300)},
     "sqrt_outflow": lambda p: {"root": 1.0},
-    "overflow": lambda p: {"first_cap": p[0], "second_cap": p[-1]},
+    "overflow": lambda p: {"first_cap": p[0], "second_cap": p[min(1, p.size - 1)], "caught": sum(p[2:])},
 }
 # Coefficients of two effects that add up; one of the others cannot be in a law twice.
 _SUMS = ("friction_forward", "friction_back", "breakaway", "drag", "cubic", "constant")
@@ -48,7 +48,7 @@ def has_law(effect: Effect) -> bool:
 
 
 def coefficients(choices: Sequence[Choice], parameters: Sequence[Floats]) -> Floats:
-    """Return the law of a sum of effects, shape (16,).
+    """Return the law of a sum of effects, shape (17,).
 
     Examples
     --------

@@ -8,11 +8,13 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, Floats
+from sysid.diagnosis.effects.catalogue import find_effects
 from sysid.diagnosis.physics_laws import has_law
 from sysid.diagnosis.physics_problem import Problem, Setting
 from sysid.diagnosis.physics_search import grid_starts, problem_point, refined
+from sysid.diagnosis.physics_starts import wide_starts
 from sysid.diagnosis.structures import Choice, FittedParameter, StructureFit
-from sysid.errors import IdentifiabilityError
+from sysid.errors import IdentifiabilityError, ModelError
 from sysid.linear.simulation import first_rows
 from sysid.physics.forced import NO_LAW, ForcedPlant
 from sysid.physics.model import Model
@@ -30,6 +32,10 @@ SEED = 7
 EVALUATIONS = (40, 14, 60)
 TOLERANCES = (1e-7, 1e-4, 1e-7)
 DESCENTS = (1, 2, 4)
+# The input counts as smooth between samples when that lowers the error to this share at least.
+SMOOTHER = 0.7
+# A held input has power up to the Nyquist frequency: less than this share above this frequency is none.
+UPPER_FREQUENCY, UPPER_POWER = 0.8, 1e-4
 WHITE = np.ones(1)
 
 
@@ -53,8 +59,9 @@ class PhysicsStructure:
         if self.own_constant:
             model = model.with_parameters(fixed={self.own_constant: 0.0})
             plant = ForcedPlant(model, record.period)
-        self.model, self.plant = model, plant
-        self.setting = _setting(record, model, plant, initial_state == "estimate")
+        self.model, self.free_start = model, initial_state == "estimate"
+        self._hold_chosen = False
+        self._use(plant)
 
     def offered(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
         """Return the effects that make sense for this model, in the given order."""
@@ -75,23 +82,66 @@ class PhysicsStructure:
         return effect.port != "flow" or bool(port.levels)
 
     def baseline(self, rows: Mask) -> StructureFit:
-        """Fit the model without effects, from several starts."""
+        """Fit the model without effects, from several starts.
+
+        The input is held between samples.  Only where it is one without the upper frequencies of a held
+        input, and a smooth course between samples lowers the held-out error so much that neither a direct
+        path nor a delay could, it counts as smooth from then on.
+        """
+        held = self._baseline(rows)
+        if self._hold_chosen or not band_limited(self.record, rows):
+            return held
+        self._hold_chosen = True
+        smooth = PhysicsStructure.__new__(PhysicsStructure)
+        smooth.__dict__.update(self.__dict__)
+        smooth._use(ForcedPlant(self.model, self.record.period, "smooth"))
+        other = smooth._baseline(rows)
+        rivals = [held, *(self._with_path(held, name, rows) for name in ("feedthrough", "in_delay"))]
+        if self._held_out_error(other) < SMOOTHER * min(map(self._held_out_error, rivals)):
+            self._use(smooth.plant)
+            return other
+        return held
+
+    def _use(self, plant: ForcedPlant) -> None:
+        self.plant = plant
+        self.setting = _setting(self.record, self.model, plant, self.free_start)
+
+    def _with_path(self, held: StructureFit, name: str, rows: Mask) -> StructureFit:
+        (effect,) = find_effects([name])
+        return self.fit([Choice(effect, effect.forms[0])], rows, WHITE, held, effort=1)
+
+    def _held_out_error(self, fit: StructureFit) -> float:
+        """Return the root mean square of the free-run error on validation rows, or on those of the fit."""
+        rows = self.record.validation & ~fit.rows
+        error = (fit.output - self.record.y[:, 0])[rows if rows.any() else fit.rows]
+        return float(np.sqrt(np.mean(error**2)))
+
+    def _baseline(self, rows: Mask) -> StructureFit:
         problem = self._problem((), rows, WHITE, COARSE_STEP)
         if problem.target.size < 2 * problem.size:
             raise IdentifiabilityError(
                 f"{problem.target.size} rows cannot determine {problem.size} unknowns: at least "
                 f"{2 * problem.size} rows are needed"
             )
-        unknown = [p.name for p in self.setting.searched if p.status == "free"]
-        starts, agreeing = self._wide_starts(rows) if unknown else (self._near_starts(), 0)
-        ends = [
-            problem.descend(self._with_states(problem, start), EVALUATIONS[2], TOLERANCES[2])
-            for start in starts
-            if np.isfinite(problem.cost(self._with_states(problem, start)))
-        ]
+        unknown = any(p.status == "free" for p in self.setting.searched)
+        starts = wide_starts(self.setting, rows) if unknown else self._near_starts()
+        small = _first_rows(rows, SEARCH_ROWS)
+        search = problem if small.sum() == rows.sum() else self._problem((), small, WHITE, COARSE_STEP)
+        ends = []
+        for start in starts:
+            point = self._with_states(search, start)
+            if np.isfinite(search.cost(point)):
+                ends.append(search.descend(point, EVALUATIONS[2], TOLERANCES[2]))
+        if not ends:
+            raise ModelError(
+                f"model {self.name!r} diverges from every start: give start values nearer to the plant's"
+            )
         ends.sort(key=lambda end: end.cost)
-        agree = agreeing > 1 or sum(_same(ends[0], end) for end in ends) > 1
-        return self._result(problem, ends[0], agree)
+        agree = sum(_same(ends[0], end) for end in ends) > 1
+        best = ends[0]
+        if search is not problem:
+            best = problem.descend(self._moved(search, problem, best.x), EVALUATIONS[2], TOLERANCES[2])
+        return self._result(problem, best, agree)
 
     def _near_starts(self) -> list[Floats]:
         """Return the nominal values and draws around them."""
@@ -100,15 +150,6 @@ class PhysicsStructure:
         width = np.where(self.setting.positive, SPREAD, SPREAD * np.abs(nominal))
         draws = [nominal + width * generator.uniform(-1.0, 1.0, nominal.size) for _ in range(RESTARTS)]
         return [nominal, *draws]
-
-    def _wide_starts(self, rows: Mask) -> tuple[list[Floats], int]:
-        """Return where the search over unknown parameters ends, and whether its searches agree."""
-        from sysid.physics.fit import fit_physics
-
-        state = "estimate" if self.setting.free_start else "rest"
-        fit = fit_physics(self.record, self.model, initial_state=state, rows=rows)
-        values = np.array([fit.values[p.name] for p in self.setting.searched])
-        return [self.setting.to_coordinates(values)], 2 if fit.restarts_agree else 0
 
     def fit(
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: int
@@ -324,6 +365,14 @@ class PhysicsStructure:
             values = ", ".join(f"{p.name} = {p.value:.4g}" for p in fit.parameters_of(choice.name))
             lines.append(f"{choice.name}: {choice.effect.equation}" + (f"  ({values})" if values else ""))
         return "\n".join(lines)
+
+
+def band_limited(record: Record, rows: Mask) -> bool:
+    """Tell whether the input has no power near the Nyquist frequency, as one that never was held has not."""
+    u = record.u[rows, 0]
+    spectrum = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(u.size))) ** 2
+    upper = spectrum[int(UPPER_FREQUENCY * spectrum.size) :]
+    return bool(upper.sum() < UPPER_POWER * spectrum.sum())
 
 
 def _same(best: Minimum[Residual], end: Minimum[Residual]) -> bool:

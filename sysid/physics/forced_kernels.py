@@ -37,8 +37,8 @@ ELASTIC, YIELD = LAW + 9, LAW + 10  # stiffness and yield force of the elastic-p
 GAIN, GAIN_SCALE = LAW + 11, LAW + 12
 ROOT = LAW + 13  # 1 where outflows go with the square root of the level
 FIRST_CAP, SECOND_CAP = LAW + 14, LAW + 15
-SIZE = LAW + 16
-N_LAW = 16
+CAUGHT = LAW + 16  # share of what the first tank overflows that the second one catches
+SIZE = LAW + 17
 
 SMOOTH, STUCK = 2, 0  # modes; 1 and -1 are sliding to either side
 # Changes that are located in one step; a body that chatters faster is held until the step's end.
@@ -96,6 +96,8 @@ def rates(w: Floats, n: int, same: bool, z: State, mode: int) -> State:
         d2 += w[A + 8] * s0 + w[A + 9] * s1 + w[A + 10] * z2 + w[A + 11] * z3
         d3 = w[STEADY + 3] + factor * w[DRIVE + 3] + w[PUSH + 3] * force
         d3 += w[A + 12] * s0 + w[A + 13] * s1 + w[A + 14] * z2 + w[A + 15] * z3
+    if z0 >= w[FIRST_CAP] and d0 > 0.0:
+        d1 += w[CAUGHT] * d0
     change = 0.0
     if w[YIELD] > 0.0:
         change = w[ELASTIC] / w[YIELD] * (z0 - abs(z0) * memory)
