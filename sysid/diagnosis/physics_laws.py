@@ -1,8 +1,12 @@
 """Effects inside the dynamics as coefficients of the one law the fast simulation knows."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
 
-from sysid.diagnosis.effects.base import Effect, EffectParameter, Floats
+import numpy as np
+
+from sysid.diagnosis.effects.base import Effect, EffectParameter, Floats, Grid, Map
 from sysid.diagnosis.structures import Choice
 from sysid.physics.forced import law
 
@@ -36,6 +40,8 @@ _LAWS: Mapping[str, Callable[[Floats], Coefficients]] = {
 # Coefficients of two effects that add up; one of the others cannot be in a law twice.
 _SUMS = ("friction_forward", "friction_back", "breakaway", "drag", "cubic", "constant")
 INNER = ("force", "gain", "flow")
+# Effects that put out one of a few values.
+SWITCHES = ("in_relay", "in_hysteresis")
 # A speed, scale or stiffness much below this share of what occurs makes a law a jump.
 SMALLEST_SHAPE = 1e-3
 
@@ -74,6 +80,34 @@ def lower_bound(effect: Effect, parameter: EffectParameter, sizes: Mapping[str, 
     if effect.port in INNER and not parameter.is_strength and parameter.minimum == 0.0:
         return SMALLEST_SHAPE * typical_size(parameter.unit, sizes)
     return parameter.minimum
+
+
+@lru_cache(maxsize=16)
+def with_level(effect: Effect) -> Effect:
+    """Return a switch with the level between which it switches as a parameter of its own.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sysid.diagnosis.effects import find_effects
+    >>> relay = with_level(find_effects(["in_relay"])[0]).forms[0]
+    >>> relay.apply(np.array([-2.0, 0.1, 2.0]), np.array([1.0, 5.0]), 0.1)
+    array([-5.,  0.,  5.])
+    """
+    level = EffectParameter("level", "[u]", "value when on", Grid("input deviation", (1.0,)), minimum=0.0)
+    forms = tuple(
+        replace(form, parameters=(*form.parameters, level), apply=_levelled(form.apply))
+        for form in effect.forms
+        if form.apply is not None
+    )
+    return replace(effect, forms=forms)
+
+
+def _levelled(apply: Map) -> Map:
+    def scaled(sequence: Floats, p: Floats, period: float) -> Floats:
+        return np.asarray(p[-1] * apply(sequence, p[:-1], period))
+
+    return scaled
 
 
 def typical_size(unit: str, sizes: Mapping[str, float]) -> float:

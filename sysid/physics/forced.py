@@ -14,7 +14,7 @@ from sysid.physics.model import Model
 from sysid.physics.ports import Port, find_port
 
 MOST_STATES = 4
-MOST_SUBSTEPS = 1000
+MOST_SUBSTEPS = 200
 # A smooth input is a staircase of so many steps between samples, each as high as the spline at its middle.
 PIECES = 4
 # The law without effects: seventeen coefficients, in the order of `sysid.physics.forced_kernels`.
@@ -109,7 +109,7 @@ class ForcedPlant:
         self.delayed = tuple(variable.delay for variable in model.inputs)
 
     @cached_property
-    def _matrices(self) -> Callable[[Floats], tuple[Sequence[float], Sequence[float], float]]:
+    def _matrices(self) -> Callable[[Sequence[float]], Sequence[float]]:
         """Compiled entries of the generator and of the output, and the rate of a force on the velocity."""
         from sysid.physics.expressions import Number, operation
 
@@ -118,14 +118,16 @@ class ForcedPlant:
         expressions = [code(entry[2], self._inside) for entry in entries]
         if self.port.velocity is not None:
             expressions.append(
-                code(operation("/", Number(1.0), self.model.equations[self.port.velocity].factor), self._inside)
+                code(
+                    operation("/", Number(1.0), self.model.equations[self.port.velocity].factor), self._inside
+                )
             )
         else:
             expressions.append(code(push, self._inside))
         source = f"def entries(p):\n    return ({', '.join(expressions)},)\n"
         namespace: dict[str, Any] = {"np": np}
         exec(compile(source, f"<matrices of {self.model.name}>", "exec"), namespace)
-        function: Callable[[Floats], Any] = namespace["entries"]
+        function: Callable[[Sequence[float]], Sequence[float]] = namespace["entries"]
         return function
 
     @cached_property
@@ -166,7 +168,7 @@ class ForcedPlant:
         with np.errstate(all="ignore"):
             for lane, p in enumerate(values.tolist()):
                 try:
-                    entries = self._matrices(p)  # type: ignore[arg-type]
+                    entries = self._matrices(p)
                 except (ZeroDivisionError, OverflowError):
                     plants[lane] = np.nan
                     continue
@@ -270,7 +272,7 @@ class ForcedPlant:
         from sysid.physics import forced_kernels as fk
         from sysid.physics.forced_kernels import linear_runs
 
-        plants, by_input, direct = self.coefficients(values[np.newaxis], NO_LAW[np.newaxis])
+        plants, _, direct = self.coefficients(values[np.newaxis], NO_LAW[np.newaxis])
         pushed = np.zeros((1, MOST_STATES, 1))
         pushed[0, 0, 0] = plants[0, fk.PUSH]
         plants[:, fk.STEADY : fk.STEADY + 4] = plants[:, fk.READ + 4] = 0.0
@@ -278,7 +280,8 @@ class ForcedPlant:
         signal = np.ascontiguousarray(force)[np.newaxis, :, np.newaxis]
         at_start, inner = np.zeros((1, MOST_STATES)), np.empty((1, 0, MOST_STATES))
         linear_runs(plants, self.order, pushed, direct[:, :1] * 0.0, signal, at_start, self.period, y, inner)
-        return y[0]
+        found: Floats = y[0]
+        return found
 
 
 def _in_pieces(signal: Floats, pieces: int) -> Floats:

@@ -42,7 +42,7 @@ SIZE = LAW + 17
 
 SMOOTH, STUCK = 2, 0  # modes; 1 and -1 are sliding to either side
 # Changes that are located in one step; a body that chatters faster is held until the step's end.
-MOST_EVENTS = 40
+MOST_EVENTS = 12
 ROOT_STEPS = 60
 # An event's velocity or force is zero to this share of its change over the step.
 EVENT_TOLERANCE = 1e-13
@@ -60,7 +60,8 @@ def sliding_friction(w: Floats, velocity: float, side: int) -> float:
     if w[BREAKAWAY] != 0.0:
         ratio = velocity / w[STRIBECK_SPEED]
         total += w[BREAKAWAY] * math.exp(-ratio * ratio)
-    return -side * total
+    friction: float = -side * total
+    return friction
 
 
 @inlined
@@ -69,7 +70,8 @@ def smooth_force(w: Floats, position: float, velocity: float, memory: float) -> 
     force = w[CONSTANT] - w[DRAG] * velocity * abs(velocity) - w[CUBIC] * position * position * position
     if w[GRAVITY] != 0.0:
         force -= w[GRAVITY] * math.sin(w[WAVE_NUMBER] * position)
-    return force - w[YIELD] * memory
+    force -= w[YIELD] * memory
+    return force
 
 
 @inlined
@@ -282,7 +284,9 @@ def forced_runs(
         mode = SMOOTH
         for k in range(u.shape[1]):
             z = (min(z[0], w[FIRST_CAP]), min(z[1], w[SECOND_CAP]), z[2], z[3], z[4])
-            value = w[READ] * z[0] + w[READ + 1] * z[1] + w[READ + 2] * z[2] + w[READ + 3] * z[3] + w[READ + 4]
+            value = (
+                w[READ] * z[0] + w[READ + 1] * z[1] + w[READ + 2] * z[2] + w[READ + 3] * z[3] + w[READ + 4]
+            )
             for j in range(m):
                 value += direct[lane, j] * u[source, k, j]
             y[lane, k] = value
@@ -298,10 +302,7 @@ def forced_runs(
                     rate += by_input[lane, i, j] * u[source, k, j]
                 w[DRIVE + i] = rate
             if dry:
-                if z[0] == 0.0:
-                    mode = mode_at_zero(w, n, same, z)
-                else:
-                    mode = 1 if z[0] > 0.0 else -1
+                mode = mode_at_zero(w, n, same, z) if z[0] == 0.0 else (1 if z[0] > 0.0 else -1)
             for _ in range(substeps):
                 if not dry:
                     z = fourth_order_step(w, n, same, z, SMOOTH, step)
