@@ -144,13 +144,15 @@ def fourth_order_step(w: Floats, n: int, same: bool, z: State, mode: int, step: 
 @compiled
 def called_step(w: Floats, n: int, same: bool, z: State, mode: int, step: float) -> State:
     """Return the same as `fourth_order_step`, where speed is not worth the code."""
-    return fourth_order_step(w, n, same, z, mode, step)
+    after: State = fourth_order_step(w, n, same, z, mode, step)
+    return after
 
 
 @compiled
 def holding_force(w: Floats, n: int, same: bool, z: State) -> float:
     """Return the force that keeps a body at zero velocity."""
-    return -rates(w, n, same, z, STUCK)[0] / w[PUSH]
+    holding: float = -rates(w, n, same, z, STUCK)[0] / w[PUSH]
+    return holding
 
 
 @compiled
