@@ -298,9 +298,12 @@ class Search:
         found = self._round(best.fit, True)
         if not found or found[0].fit is None:
             return None
-        second = found[0]
-        accepted = self._accepted(second, current, baseline, n_before > 0)
-        return second.fit if accepted and self._accepted(second, best.fit, baseline, True) else None
+        # The first was fitted without the second: search it again beside it.
+        pair = self._exchanged(found[0].fit, len(self.given))
+        second = replace(
+            found[0], fit=pair, noise=self._noise(pair), validation=self._held_out_error(pair, WHITE)
+        )
+        return pair if self._accepted(second, current, baseline, n_before > 0) else None
 
     def _foreseen_as_well(self, trial: Trial, current: StructureFit) -> bool:
         """Tell whether the held-out innovations do not rise by more than chance."""
