@@ -16,7 +16,7 @@ from sysid.cli import main
 from sysid.data import make_record
 from sysid.diagnosis.compare import compare
 from sysid.diagnosis.figures import envelope, power_density
-from sysid.diagnosis.residuals import input_independence, whiteness, worst_windows
+from sysid.diagnosis.residuals import input_independence, whiteness
 from sysid.diagnosis.scores import nrmse_interval, score
 from sysid.errors import UsageError
 
@@ -119,21 +119,6 @@ def test_cross_correlation_is_that_of_numpy():
     uc, ec = u - u.mean(), e - e.mean()
     full = np.correlate(ec, uc, mode="full") / np.linalg.norm(uc) / np.linalg.norm(ec)
     np.testing.assert_allclose(test.correlation, full[299 - 25 : 299 + 26], atol=1e-12)
-
-
-def test_windows_are_found_where_the_error_is_and_nowhere_else():
-    rng = np.random.default_rng(7)
-    e = rng.standard_normal(4000)
-    e[2000:2400] *= 4.0
-    windows = worst_windows(e)
-    assert {w.first for w in windows} == {2000, 2200}
-    assert windows[0].error_share > 4 * windows[0].data_share
-    alarms = 0
-    for memory in (0.0, 0.9):
-        errors = signal.lfilter([1.0], [1.0, -memory], rng.standard_normal((200, 2000)), axis=1)
-        alarms += sum(bool(worst_windows(error)) for error in errors)
-    assert alarms <= 14  # 1 % of 400 nominal, corrected for the twenty windows; 2 % where the error is slow
-    assert worst_windows(np.zeros(100)) == ()
 
 
 # Comparison
