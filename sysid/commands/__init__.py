@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sysid.commands import data_arguments, models_arguments, replicate_arguments
+from sysid.commands import data_arguments, effects_arguments, models_arguments, replicate_arguments
 from sysid.diagnosis import command as compare
 
 Run = Callable[[argparse.Namespace], int]
@@ -36,6 +36,12 @@ def _data() -> Run:
 
 def _models() -> Run:
     from sysid.commands.models import run
+
+    return run
+
+
+def _effects() -> Run:
+    from sysid.commands.effects import run
 
     return run
 
@@ -73,5 +79,14 @@ COMMANDS = (
         "sysid models dc-motor",
         models_arguments.add,
         _models,
+    ),
+    Command(
+        "effects",
+        "list and explain the effects a model may lack",
+        "List the effects that `sysid diagnose` looks for; explain those that are named: mechanism, "
+        "equation, signature, look-alikes, parameters.",
+        "sysid effects coulomb in_backlash",
+        effects_arguments.add,
+        _effects,
     ),
 )

@@ -37,6 +37,7 @@ def add_data_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--output", metavar="NAME", action="append", help="output column (default: y)")
     group.add_argument("--period", metavar="SECONDS", type=float, help="sampling period")
     group.add_argument("--time", metavar="NAME", help="time column [s], instead of a period")
+    group.add_argument("--resample", metavar="SECONDS", type=float, help="bring the rows to this period")
     group.add_argument(
         "--split-column", metavar="NAME", help="column with train or est, val, and names that begin with test"
     )
@@ -127,6 +128,7 @@ def read_data(arguments: argparse.Namespace) -> "Record":
         split=arguments.split_column,
         experiment=arguments.experiment_column,
         skip=arguments.skip,
+        resample=arguments.resample,
     )
 
 
