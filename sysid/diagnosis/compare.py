@@ -3,6 +3,7 @@
 import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,8 @@ from sysid.diagnosis.where import Finding, Location, locate
 from sysid.errors import UsageError
 
 if TYPE_CHECKING:
+    from sysid.diagnosis.content import Content
+    from sysid.diagnosis.models import PortView
     from sysid.linear.simulation import Prediction
     from sysid.physics import Model
 # Percentage of the work that is done when the model is fitted.
@@ -52,6 +55,8 @@ class Comparison:
     location : Location
         Where the error lies: findings, and the shares that are drawn.
     warnings : tuple of str
+    ports : tuple of PortView
+        Free-form curves at the ports of the model, if they were explored.
     """
 
     record: Record
@@ -65,6 +70,7 @@ class Comparison:
     distortion: Distortion
     location: Location
     warnings: tuple[str, ...]
+    ports: "tuple[PortView, ...]" = ()
 
     @property
     def where(self) -> tuple[Finding, ...]:
@@ -90,17 +96,30 @@ class Comparison:
             "shares": self.location.to_json(),
             "tests": {name: test.to_json() for name, test in self.tests.items()}
             | {"distortion": self.distortion.to_json()},
-            "ports": [],
+            "ports": [port.to_json() for port in self.ports],
             "warnings": list(self.warnings),
             "data": data_json(self.record),
             "sentences": self.sentences(),
         }
 
+    @cached_property
+    def content(self) -> "Content":
+        """What page and PDF show, its figures drawn once."""
+        from sysid.diagnosis.content import content_of
+
+        return content_of(self)
+
     def to_html(self) -> str:
         """Return the page as one self-contained HTML text."""
         from sysid.diagnosis.page import render
 
-        return render(self)
+        return render(self.content)
+
+    def to_pdf(self) -> bytes:
+        """Return the same content as a PDF."""
+        from sysid.diagnosis.document import render_pdf
+
+        return render_pdf(self.content)
 
     def __repr__(self) -> str:
         return "\n".join(

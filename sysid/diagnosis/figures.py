@@ -13,6 +13,7 @@ from sysid.reporting.style import COLOURS, GREY, LINE_STYLES, MARKERS, series, s
 
 if TYPE_CHECKING:
     from sysid.diagnosis.compare import Comparison
+    from sysid.diagnosis.models import PortView
     from sysid.linear.forms import Floats
 
 # A curve of more points is drawn as the largest and smallest value of so many stretches.
@@ -40,17 +41,37 @@ class Picture:
     narrow: str
 
 
-def pictures(comparison: "Comparison") -> list[Picture]:
-    """Draw all figures of the page."""
-    drawn = [
-        _picture(comparison, overview, 4.3),
-        _picture(comparison, worst_stretch, 4.6),
-    ]
+def pictures(comparison: "Comparison") -> dict[str, list[Picture]]:
+    """Draw all figures of the page, by section."""
+    from sysid.diagnosis.figures_where import new_error_curves, residual_curves, shares, worst_windows
+
+    found: dict[str, list[Picture]] = {
+        "run": [_picture(comparison, overview, 4.3), _picture(comparison, worst_stretch, 4.6)],
+        "where": [],
+        "ports": port_pictures(comparison.ports),
+        "tests": [],
+        "model": [],
+    }
+    if comparison.location.shares:
+        found["where"] = [
+            _picture(comparison, draw, 4.0) for draw in (shares, residual_curves, new_error_curves)
+        ]
+    if any(finding.kind == "time" for finding in comparison.where):
+        found["where"].append(_picture(comparison, worst_windows, 3.6))
     if comparison.score_of(comparison.judged).n_rows >= FEWEST_TESTED_ROWS:
-        drawn += [_picture(comparison, draw, 3.1) for draw in (spectrum, correlations)]
+        found["tests"] = [_picture(comparison, draw, 3.1) for draw in (spectrum, correlations)]
     if len({c.order for c in comparison.model.candidates}) > 1:
-        drawn.append(_picture(comparison, orders, 3.0))
-    return drawn
+        found["model"] = [_picture(comparison, orders, 3.0)]
+    return found
+
+
+def port_pictures(ports: "tuple[PortView, ...]") -> list[Picture]:
+    """Draw the free-form curves, if there are any."""
+    if not ports:
+        return []
+    from importlib import import_module
+
+    return [import_module("sysid.diagnosis.ports.figures").ports_picture(ports)]
 
 
 Drawer = Callable[["Comparison", float, float], tuple[Any, str, str]]
@@ -108,17 +129,17 @@ def _draw(
 def overview(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
     """Draw measurement and model over the whole judged set, and the error below."""
     record, rows = comparison.record, _span(comparison)
-    t, output = _time(comparison, rows), comparison.record.outputs[0]
+    t, output = seconds_of(comparison.record, rows), comparison.record.outputs[0]
     y, model = record.y[rows, 0], comparison.prediction.free_run[rows]
     figure, (top, bottom) = subplots(2, 1, width=width, height=height, sharex=True, height_ratios=(2, 1))
     _draw(top, envelope(t, y), 0, MEASURED, filled=True)
     _draw(top, envelope(t, model), 1, MODEL, filled=False)
-    top.set_ylabel(_label(record, output))
-    _legend(top)
+    top.set_ylabel(axis_label(record, output))
+    legend(top)
     _draw(bottom, envelope(t, y - model), 4, "error", filled=True)
     bottom.axhline(0.0, color=GREY, linewidth=0.6)
     _mark_skip(comparison, rows, (top, bottom), t)
-    bottom.set_ylabel(f"error [{_plain(record.unit(output)) or '–'}]")
+    bottom.set_ylabel(f"error [{plain(record.unit(output)) or '–'}]")
     bottom.set_xlabel("time [s]")
     figure.align_ylabels()
     judged = comparison.score_of(comparison.judged)
@@ -135,16 +156,9 @@ def worst_stretch(comparison: "Comparison", width: float, height: float) -> tupl
     """Draw measurement, model and input where the error is largest."""
     record = comparison.record
     rows = _worst_rows(comparison)
-    t, output = _time(comparison, rows), record.outputs[0]
     figure, (top, bottom) = subplots(2, 1, width=width, height=height, sharex=True, height_ratios=(2, 1))
-    top.plot(t, record.y[rows, 0], **_look(0), label=MEASURED)
-    top.plot(t, comparison.prediction.free_run[rows], **_look(1), label=MODEL)
-    top.set_ylabel(_label(record, output))
-    _legend(top)
-    for index, name in enumerate(record.inputs):
-        bottom.step(t, record.u[rows, index], where="post", **_input_look(index), label=_plain(name))
-    bottom.set_ylabel(_label(record, record.inputs[0]) if len(record.inputs) == 1 else "inputs")
-    bottom.set_xlabel("time [s]")
+    draw_with_input(comparison, (top, bottom), rows)
+    legend(top)
     figure.align_ylabels()
     error = record.y[rows, 0] - comparison.prediction.free_run[rows]
     local = float(np.sqrt(np.nanmean(error**2)))
@@ -155,6 +169,19 @@ def worst_stretch(comparison: "Comparison", width: float, height: float) -> tupl
         f"whole set; its mean is {quantity(float(np.nanmean(error)), overall.unit)}."
     )
     return figure, f"The worst stretch of {comparison.judged}, with the input", reading
+
+
+def draw_with_input(comparison: "Comparison", axes: tuple[Any, Any], rows: Any) -> None:
+    """Draw measurement and model above, the inputs below."""
+    record, (top, bottom) = comparison.record, axes
+    t = seconds_of(record, rows)
+    _draw(top, envelope(t, record.y[rows, 0]), 0, MEASURED, filled=False)
+    _draw(top, envelope(t, comparison.prediction.free_run[rows]), 1, MODEL, filled=False)
+    top.set_ylabel(axis_label(record, record.outputs[0]))
+    for index, name in enumerate(record.inputs):
+        bottom.step(t, record.u[rows, index], where="post", **_input_look(index), label=plain(name))
+    bottom.set_ylabel(axis_label(record, record.inputs[0]) if len(record.inputs) == 1 else "inputs")
+    bottom.set_xlabel("time [s]")
 
 
 def spectrum(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
@@ -171,8 +198,12 @@ def spectrum(comparison: "Comparison", width: float, height: float) -> tuple[Any
         if density[1:].max() > 0.0:  # nothing of a constant can be drawn on a logarithmic scale
             axes.loglog(frequency[1:], np.sqrt(density[1:]), **_look(index), label=name)
     axes.set_xlabel("frequency [Hz]")
-    axes.set_ylabel(f"amplitude density [{_plain(unit) or '1'}/√Hz]")
-    _legend(axes)
+    axes.set_ylabel(f"amplitude density [{plain(unit) or '1'}/√Hz]")
+    floor = comparison.noise_floor.rms
+    if np.isfinite(floor) and floor > 0.0:
+        label = "noise floor" if width > NARROW else "noise"
+        axes.axhline(floor * np.sqrt(2.0 * record.period), **_look(2), label=label)
+    legend(axes)
     share = np.cumsum(error_power[1:]) / max(float(error_power[1:].sum()), 1e-300)
     middle = float(frequency[1:][min(int(np.searchsorted(share, 0.9)), share.size - 1)])
     failing = np.flatnonzero(error_power[1:] > 0.5 * power[1:])
@@ -184,7 +215,12 @@ def spectrum(comparison: "Comparison", width: float, height: float) -> tuple[Any
             f"{quantity(float(frequency[1:][failing[0]]), 'Hz')}"
         )
     reading = f"90 % of the error lies below {quantity(middle, 'Hz')}; {verdict}."
-    return figure, "Spectrum of measurement and error", reading
+    if np.isfinite(floor):
+        reading += (
+            f" The noise floor, {quantity(floor, unit)} in all, is drawn as if spread evenly over frequency; "
+            "what lies above it is the model's or a disturbance."
+        )
+    return figure, "Spectrum of measurement, error and noise floor", reading
 
 
 def power_density(values: "Floats", period: float, length: int) -> tuple["Floats", "Floats"]:
@@ -240,7 +276,7 @@ def correlations(comparison: "Comparison", width: float, height: float) -> tuple
         axes.axhline(0.0, color=GREY, linewidth=0.6)
         axes.set_xlabel("lag [samples]")
         axes.set_ylabel("residual with itself" if name == "whiteness" else "input with residual")
-        _legend(axes)
+        legend(axes)
     words = [
         "the residual is white" if tests[0][1].passed else "the residual has a memory",
         "no linear trace of the input is left in it"
@@ -279,8 +315,8 @@ def orders(comparison: "Comparison", width: float, height: float) -> tuple[Any, 
     axes.set_yscale("log")
     axes.set_xlabel("order of the model")
     axes.set_xticks(sorted({c.order for c in tried}))
-    axes.set_ylabel(f"validation error [{_plain(record.unit(record.outputs[0])) or '–'}]")
-    _legend(axes)
+    axes.set_ylabel(f"validation error [{plain(record.unit(record.outputs[0])) or '–'}]")
+    legend(axes)
     best = min(c.validation_rms for c in candidates)
     unit = record.unit(record.outputs[0])
     reading = (
@@ -302,18 +338,20 @@ def _input_look(index: int) -> dict[str, Any]:
     }
 
 
-def _legend(axes: Any) -> None:
+def legend(axes: Any) -> None:
+    """Put the legend above the axes."""
     if axes.get_legend_handles_labels()[1]:
         axes.legend(
             loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.1, columnspacing=1.2
         )
 
 
-def _label(record: Any, name: str) -> str:
-    return f"{_plain(name)} [{_plain(record.unit(name)) or '–'}]"
+def axis_label(record: Any, name: str) -> str:
+    """Return name and unit of a column."""
+    return f"{plain(name)} [{plain(record.unit(name)) or '–'}]"
 
 
-def _plain(name: str) -> str:
+def plain(name: str) -> str:
     """Keep a dollar sign in a name from starting mathematics."""
     return name.replace("$", r"\$")
 
@@ -336,10 +374,10 @@ def _span(comparison: "Comparison") -> "np.ndarray[tuple[int], np.dtype[np.int64
     return np.asarray(part.start + places)
 
 
-def _time(comparison: "Comparison", rows: Sequence[int] | Any) -> "Floats":
+def seconds_of(record: Any, rows: Any) -> "Floats":
     """Return times [s] from the start of the experiment."""
-    origin = max(start for start in comparison.record.starts if start <= rows[0])
-    return np.asarray((np.asarray(rows) - origin) * comparison.record.period)
+    origin = max(start for start in record.starts if start <= rows[0])
+    return np.asarray((np.asarray(rows) - origin) * record.period)
 
 
 def _mark_skip(comparison: "Comparison", rows: Any, axes: Sequence[Any], t: "Floats") -> None:

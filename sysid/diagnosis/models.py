@@ -97,6 +97,17 @@ class FittedModel(Protocol):
         """Return further entries of the model's part of the JSON file."""
 
 
+class PortView(Protocol):
+    """A free-form curve at a port of the model, as a comparison shows it."""
+
+    @property
+    def sentence(self) -> str:
+        """How much of the error a static map at this port explains at most."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return its entry of the JSON file: port, explains_at_most, curve."""
+
+
 @dataclass(frozen=True)
 class LinearModel:
     """A linear output-error model and how it was chosen."""
@@ -298,7 +309,9 @@ class PhysicalModel:
         """Which parameters were searched."""
         fixed = [name for name in self.fit.values if name not in self.fit.names]
         known = f"; {', '.join(fixed)} {'is' if len(fixed) == 1 else 'are'} fixed" if fixed else ""
-        return (f"Its parameters {', '.join(self.fit.names)} were fitted by the free-run error{known}.",)
+        return (
+            f"The parameters {', '.join(self.fit.names)} were fitted by the free-run error of the model{known}.",
+        )
 
     @property
     def initial_state(self) -> str:

@@ -18,6 +18,7 @@ WINDOWS = 20
 # Velocities below this share of their root mean square count as near zero.
 NEAR_ZERO = 0.25
 SMALLEST_SHARE, LARGEST_SHARE = 0.015, 0.6
+SMALLEST_BAR, FEWEST_ROWS = 0.003, 12
 LENGTH_UNITS = ("m", "mm", "µm", "cm", "km", "rad", "deg", "°")
 
 
@@ -102,9 +103,9 @@ def divisions(series: Series) -> tuple[Division, ...]:
 
 def _usable(division: Division) -> Division | None:
     """Keep the regions that hold enough rows, and leave enough outside, to be compared."""
-    keep = (division.data_share >= SMALLEST_SHARE) & (division.data_share <= LARGEST_SHARE)
-    if division.kind == "experiment":
-        keep = division.data_share < 1.0
+    drawn = np.array([region.bar for region in division.regions])
+    smallest = np.where(drawn, max(SMALLEST_BAR, FEWEST_ROWS / division.cell.size), SMALLEST_SHARE)
+    keep = (division.data_share >= smallest) & (division.data_share <= np.where(drawn, 0.99, LARGEST_SHARE))
     if not keep.any():
         return None
     regions = tuple(region for region, kept in zip(division.regions, keep, strict=True) if kept)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 # Correlations of fewer rows lie within their bands whatever the residual is.
 FEWEST_TESTED_ROWS = 20
 NEGLIGIBLE = 0.05
+SMALLEST_FLOOR = 1e-4
 NOWHERE = "the error is spread over time, levels, velocities and frequencies as chance would spread it"
 
 
@@ -26,24 +27,23 @@ def sentences(comparison: "Comparison") -> list[str]:
     found = [
         f"{comparison.model.subject} {_explains(judged.free_run, output, comparison.judged)}; "
         f"its free-run error is {error_size(judged)} ({window}).",
-        *comparison.model.notes,
     ]
     if floor := _floor_sentence(comparison, judged):
-        found.insert(1, floor)
+        found.append(floor)
     found += [finding.sentence for finding in comparison.where]
     if judged.n_rows < FEWEST_TESTED_ROWS:
         found.append(
             f"The {judged.n_rows} samples of {comparison.judged} are too few to tell whether the residual is "
             "white or follows the input."
         )
-        return found
+        return [*found, *comparison.model.notes]
     if not comparison.where:
         found.append(f"Nothing of note fails locally on {comparison.judged}: {NOWHERE}.")
     found += linear_test_sentences(comparison)
     found.append(_nonlinear_sentence(comparison))
     if comparison.distortion.available:
         found.append(f"{comparison.distortion.reason}.")
-    return found
+    return [*found, *comparison.model.notes]
 
 
 def linear_test_sentences(comparison: "Comparison") -> list[str]:
@@ -93,7 +93,7 @@ def _floor_sentence(comparison: "Comparison", judged: SetScore) -> str:
     floor, error = comparison.noise_floor, judged.free_run.nrmse
     if not (np.isfinite(floor.nrmse) and np.isfinite(error)):
         return ""
-    left = max(error - floor.nrmse, 0.0)
+    left = max(_as_shown(error) - _as_shown(floor.nrmse), 0.0)
     if left < NEGLIGIBLE * error:
         return f"The error is {percent(error)} of the signal, and noise explains all of it ({floor.method})."
     if floor.repeated:
@@ -101,11 +101,17 @@ def _floor_sentence(comparison: "Comparison", judged: SetScore) -> str:
             f"The error is {percent(error)} of the signal; noise explains {percent(min(floor.nrmse, error))} "
             f"({floor.method}), so {percent(left)} is the model's."
         )
+    noise = percent(floor.nrmse) if floor.nrmse > SMALLEST_FLOOR else f"less than {percent(SMALLEST_FLOOR)}"
     return (
-        f"The error is {percent(error)} of the signal; noise explains {percent(floor.nrmse)} "
+        f"The error is {percent(error)} of the signal; noise explains {noise} "
         f"({floor.method}), so {percent(left)} is the model's or a slow disturbance, which only repetitions "
         "could tell apart."
     )
+
+
+def _as_shown(share: float) -> float:
+    """Return a share as the reader sees it, so that what is shown adds up."""
+    return float(percent(share).removesuffix(" %")) / 100.0
 
 
 def _explains(free: Score, output: str, judged: str) -> str:

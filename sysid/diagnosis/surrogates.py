@@ -113,6 +113,22 @@ class _View:
         return self.contrasts(self.values**2), np.empty(0)
 
 
+def newly_arising(series: Series, length: int) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the innovations of means over so many rows, and the middle row of each."""
+    means, rows = [], []
+    for run in series.runs:
+        count = (run.stop - run.start) // length
+        if count == 0:
+            continue
+        whole = series.residual[run.start : run.start + count * length]
+        means.append(whole.reshape(count, length).mean(axis=1))
+        rows.append(run.start + np.arange(count) * length + length // 2)
+    noise, _ = autoregression(means)
+    skipped = noise.size - 1
+    innovations = np.concatenate([_innovations(run, noise) for run in means])
+    return innovations, np.concatenate([row[skipped:] for row in rows])
+
+
 def examine(
     series: Series, divisions: Sequence[Division], progress: Callable[[int, int], None] | None
 ) -> tuple[Evidence, ...]:
@@ -211,26 +227,14 @@ def _free_view(series: Series, divisions: Sequence[Division]) -> _View:
 
 def _new_view(series: Series, divisions: Sequence[Division], length: int) -> _View:
     """Return the view of the innovations of means over so many rows."""
-    means, rows = [], []
-    for run in series.runs:
-        count = (run.stop - run.start) // length
-        if count == 0:
-            continue
-        means.append(
-            series.residual[run.start : run.start + count * length].reshape(count, length).mean(axis=1)
-        )
-        rows.append(run.start + np.arange(count) * length + length // 2)
-    noise, _ = autoregression(means)
-    skipped = noise.size - 1
-    innovations = np.concatenate([_innovations(run, noise) for run in means])
-    places = np.concatenate([row[skipped:] for row in rows])
+    innovations, places = newly_arising(series, length)
     kept = np.arange(0, innovations.size, -(-innovations.size // MOST_ROWS))
     innovations, places = innovations[kept], places[kept]
     return _View(
         "new",
         innovations,
         innovations,
-        noise,
+        np.ones(1),
         normal_scores(innovations),
         _linear_part(series, places),
         tuple(division.on(division.cell[places]) for division in divisions),

@@ -72,12 +72,23 @@ class Finding:
 
 @dataclass(frozen=True)
 class Share:
-    """A bar of a picture: share of the squared free-run error in one region, beside its expectation."""
+    """A bar of a picture: shares of the squared error in one region, beside their expectation.
+
+    Attributes
+    ----------
+    region : Region
+    error_share, new_share : float
+        Of the free-run error, and of the error that newly arises.
+    data_share : float
+    p_value, new_p_value : float
+    """
 
     region: Region
     error_share: float
     data_share: float
     p_value: float
+    new_share: float
+    new_p_value: float
 
     def to_json(self) -> dict[str, Any]:
         """Return the form of the JSON file."""
@@ -86,6 +97,8 @@ class Share:
             "error_share": finite(self.error_share),
             "data_share": finite(self.data_share),
             "p_value": finite(self.p_value),
+            "new_error_share": finite(self.new_share),
+            "new_error_p_value": finite(self.new_p_value),
         }
 
 
@@ -155,7 +168,10 @@ def locate(
     if fitted is not None and learned is not None:
         found = examine(learned, (fitted,), None)
         findings += _of_division(fitted, found, learned, families)
-    shares = {_key(division): _bars(division, evidence, series, families) for division in divided}
+    shares: dict[str, tuple[Share, ...]] = {}
+    for division in divided:
+        shares[_key(division)] = shares.get(_key(division), ()) + _bars(division, evidence, series, families)
+    shares = {name: bars for name, bars in shares.items() if bars}
     return Location(tuple(findings), shares, bands)
 
 
@@ -167,12 +183,18 @@ def _bars(
     division: Division, evidence: Sequence[Evidence], series: Series, families: int
 ) -> tuple[Share, ...]:
     shares = division.share(series.residual**2)
-    p_values = next(e for e in evidence if e.division is division and e.statistic == "share").p_values
+    own = [e for e in evidence if e.division is division and e.statistic == "share"]
+    free, new = own[0], own[-1]  # the last measure is that on the time scale of the motion
     return tuple(
-        Share(region, float(share), float(data), min(1.0, families * float(p)))
-        for region, share, data, p in zip(
-            division.regions, shares, division.data_share, p_values, strict=True
+        Share(
+            region,
+            float(shares[i]),
+            float(division.data_share[i]),
+            min(1.0, families * float(free.p_values[i])),
+            float(new.error_share[i]),
+            min(1.0, families * float(new.p_values[i])),
         )
+        for i, region in enumerate(division.regions)
         if region.bar
     )
 
