@@ -310,7 +310,8 @@ class PhysicalModel:
         fixed = [name for name in self.fit.values if name not in self.fit.names]
         known = f"; {', '.join(fixed)} {'is' if len(fixed) == 1 else 'are'} fixed" if fixed else ""
         return (
-            f"The parameters {', '.join(self.fit.names)} were fitted by the free-run error of the model{known}.",
+            f"The parameters {', '.join(self.fit.names)} were fitted by the free-run error of the model"
+            f"{known}.",
         )
 
     @property

@@ -115,34 +115,33 @@ def _usable(division: Division) -> Division | None:
 
 
 def _by_time(series: Series) -> Division:
-    """Divide into equal windows; neighbouring ones are joined by two and four."""
-    n = series.places.size
-    cell = np.arange(n) * WINDOWS // n
-    members, regions = [], []
-    for width in (1, 2, 4):
-        for first in range(0, WINDOWS - width + 1, width):
-            rows = np.flatnonzero((cell >= first) & (cell < first + width))
-            if rows.size == 0:
-                continue
-            start, end = series.seconds(int(rows[0]), int(rows[-1]))
-            members.append(np.isin(np.arange(WINDOWS), np.arange(first, first + width)).astype(float))
-            experiment = series.record.experiments[int(series.experiment[rows[0]])]
-            several = np.ptp(series.experiment) > 0
-            regions.append(
-                Region(
-                    {
-                        "set": series.judged,
-                        "from_s": start,
-                        "to_s": end,
-                        "first_row": int(series.places[rows[0]]) + 1,
-                        "last_row": int(series.places[rows[-1]]) + 1,
-                    },
-                    f"between {quantity(start, '', 4)} and {quantity(end, '', 4)} s"
-                    + (f" of experiment {experiment}" if several else ""),
-                    bar=width == 1,
-                )
-            )
-    return Division("time", "time", "s", cell, np.array(members), tuple(regions))
+    """Divide each experiment into equal windows; neighbouring ones are joined by two and four."""
+    n, several = series.places.size, bool(np.ptp(series.experiment) > 0)
+    cell = np.empty(n, dtype=np.int64)
+    members, regions, begun = [], [], 0
+    for number in np.unique(series.experiment):
+        rows = np.flatnonzero(series.experiment == number)
+        windows = max(round(WINDOWS * rows.size / n), 1)
+        cell[rows] = begun + np.arange(rows.size) * windows // rows.size
+        of_experiment = f" of experiment {series.record.experiments[int(number)]}" if several else ""
+        for width in (1, 2, 4):
+            for first in range(begun, begun + windows - width + 1, width):
+                chosen = rows[(cell[rows] >= first) & (cell[rows] < first + width)]
+                start, end = series.seconds(int(chosen[0]), int(chosen[-1]))
+                place = {
+                    "set": series.judged,
+                    "from_s": start,
+                    "to_s": end,
+                    "first_row": int(series.places[chosen[0]]) + 1,
+                    "last_row": int(series.places[chosen[-1]]) + 1,
+                }
+                words = f"between {quantity(start, '', 4)} and {quantity(end, '', 4)} s{of_experiment}"
+                members.append((first, first + width))
+                regions.append(Region(place, words, bar=width == 1))
+        begun += windows
+    cells = np.arange(begun)
+    table = np.array([(cells >= first) & (cells < last) for first, last in members], dtype=float)
+    return Division("time", "time", "s", cell, table, tuple(regions))
 
 
 def _by_level(signal: Floats, kind: str, name: str, unit: str) -> Division:

@@ -41,6 +41,7 @@ def sentences(comparison: "Comparison") -> list[str]:
         found.append(f"Nothing of note fails locally on {comparison.judged}: {NOWHERE}.")
     found += linear_test_sentences(comparison)
     found.append(_nonlinear_sentence(comparison))
+    found += [port.sentence for port in comparison.ports]
     if comparison.distortion.available:
         found.append(f"{comparison.distortion.reason}.")
     return [*found, *comparison.model.notes]

@@ -172,7 +172,13 @@ def locate(
     for division in divided:
         shares[_key(division)] = shares.get(_key(division), ()) + _bars(division, evidence, series, families)
     shares = {name: bars for name, bars in shares.items() if bars}
+    findings.sort(key=_clearness, reverse=True)
     return Location(tuple(findings), shares, bands)
+
+
+def _clearness(finding: Finding) -> float:
+    """Rank findings for the reader: by how far the shares are apart."""
+    return _divergence(finding.error_share, finding.data_share)
 
 
 def _key(division: Division) -> str:
@@ -231,8 +237,13 @@ def _information(found: Evidence, index: int) -> float:
     """Return how much a region tells: the divergence of error and data shares, or a pull's effect."""
     if found.statistic == "pull":
         return float(found.effect[index])
-    share, data = float(np.clip(found.error_share[index], 1e-12, 1 - 1e-12)), float(found.data_share[index])
-    return share * float(np.log(share / data)) + (1.0 - share) * float(np.log((1.0 - share) / (1.0 - data)))
+    return _divergence(found.error_share[index], found.data_share[index])
+
+
+def _divergence(error_share: float, data_share: float) -> float:
+    """Return s log(s/d) + (1-s) log((1-s)/(1-d)), zero if the shares are equal."""
+    s, d = (float(np.clip(share, 1e-12, 1.0 - 1e-12)) for share in (error_share, data_share))
+    return s * float(np.log(s / d)) + (1.0 - s) * float(np.log((1.0 - s) / (1.0 - d)))
 
 
 def _matters(found: Evidence, index: int) -> bool:
