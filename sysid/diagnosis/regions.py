@@ -31,7 +31,7 @@ class Region:
     place : dict
         Its bounds, as in the JSON file.
     words : str
-        ``"the output 'y' is above 8.1 V"``, to stand after *while*; for times
+        ``"the output y is above 8.1 V"``, to stand after *while*; for times
         ``"between 3 and 4 s"``.
     bar : bool
         Whether it is one of the bars that are drawn; these do not overlap.
@@ -88,11 +88,11 @@ def divisions(series: Series) -> tuple[Division, ...]:
     output = record.outputs[0]
     unit = record.unit(output)
     rate = f"{unit}/s" if unit else "1/s"
-    moving = "velocity" if unit in LENGTH_UNITS else f"rate of change of {output!r}"
+    moving = "velocity" if unit in LENGTH_UNITS else f"rate of change of {output}"
     found = [_by_time(series)]
     for index, name in enumerate(record.inputs):
-        found.append(_by_level(series.u[:, index], "input", f"input {name!r}", record.unit(name)))
-    found.append(_by_level(series.output, "output", f"output {output!r}", unit))
+        found.append(_by_level(series.u[:, index], "input", f"input {name}", record.unit(name)))
+    found.append(_by_level(series.output, "output", f"output {output}", unit))
     found.append(_by_level(series.velocity, "velocity", moving, rate))
     found.append(_by_sign(series.velocity, moving, rate))
     found.append(_by_reversal(series, moving, rate))

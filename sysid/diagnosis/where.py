@@ -182,7 +182,7 @@ def _clearness(finding: Finding) -> float:
 
 
 def _key(division: Division) -> str:
-    return division.kind if division.kind != "input" else division.signal.replace("'", "")
+    return division.kind if division.kind != "input" else division.signal
 
 
 def _bars(
