@@ -16,7 +16,8 @@ from scipy import signal
 from sysid.cli import main
 from sysid.data import make_record
 from sysid.diagnosis.compare import compare
-from sysid.diagnosis.figures import envelope, power_density
+from sysid.diagnosis.figures import envelope
+from sysid.diagnosis.figures_residual import power_density
 from sysid.diagnosis.residuals import input_independence, whiteness
 from sysid.diagnosis.scores import nrmse_interval, score
 from sysid.errors import UsageError

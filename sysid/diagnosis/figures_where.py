@@ -4,10 +4,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.diagnosis.figures import NARROW, axis_label, legend, plain, seconds_of
+from sysid.diagnosis.figures import NARROW, axis_label, draw_with_input, legend, plain, worst_rows
 from sysid.diagnosis.residuals import BAND
 from sysid.diagnosis.surrogates import newly_arising
-from sysid.diagnosis.where import LEVEL, Share
+from sysid.diagnosis.where import LEVEL, Finding, Share
 from sysid.diagnosis.wording import percent, quantity, significant
 from sysid.reporting.style import COLOURS, GREY, subplots
 
@@ -239,11 +239,8 @@ def binned(
 
 
 def worst_windows(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
-    """Draw measurement, model and input in the worst windows of time that were found."""
-    from sysid.diagnosis.figures import draw_with_input
-
-    found = [f for f in comparison.where if f.kind == "time"][:2]
-    record = comparison.record
+    """Draw measurement, model and input in the windows found besides the worst stretch."""
+    found = further_windows(comparison)
     columns = len(found) if width > NARROW else 1
     rows = 2 * (len(found) // columns)
     figure, grid = subplots(
@@ -255,14 +252,26 @@ def worst_windows(comparison: "Comparison", width: float, height: float) -> tupl
         height_ratios=(2, 1) * (rows // 2),
     )
     for number, finding in enumerate(found):
-        part = np.arange(finding.region["first_row"] - 1, finding.region["last_row"])
+        window = np.arange(finding.region["first_row"] - 1, finding.region["last_row"])
         row = 2 * (number // columns)
-        draw_with_input(comparison, (grid[row, number % columns], grid[row + 1, number % columns]), part)
+        axes = (grid[row, number % columns], grid[row + 1, number % columns])
+        draw_with_input(comparison, axes, worst_rows(comparison, window))
     legend(grid[0, 0])
-    first = found[0]
-    origin = seconds_of(record, np.array([first.region["first_row"] - 1]))[0]
+    reading = " ".join(finding.sentence for finding in found)
     return (
         figure,
-        f"The worst windows of {comparison.judged}, with the input",
-        f"The first begins at {quantity(float(origin), '', 4)} s: {first.sentence}",
+        f"Further windows of {comparison.judged} with large errors, where they are largest",
+        reading,
     )
+
+
+def further_windows(comparison: "Comparison") -> list[Finding]:
+    """Return up to two windows found that do not hold the worst stretch of all."""
+    worst = worst_rows(comparison)
+    return [
+        finding
+        for finding in comparison.where
+        if finding.kind == "time"
+        and finding.measure == "free-run error"
+        and not (finding.region["first_row"] - 1 <= worst[-1] and worst[0] < finding.region["last_row"])
+    ][:2]

@@ -214,7 +214,8 @@ def _by_reversal(series: Series, name: str, unit: str) -> Division:
                 cell[run][max(crossing - reach, 0) : crossing + reach + 1] = 1
     seconds = quantity(reach * series.record.period, "s")
     place = {"signal": name, "unit": unit, "reversal_within_s": reach * series.record.period}
-    region = Region(place, f"the {name} changes its sign (within {seconds})", bar=True)
+    drawn = bool(cell.mean() <= LARGEST_SHARE)  # of a fast motion nearly all rows are close to a reversal
+    region = Region(place, f"the {name} changes its sign (within {seconds})", bar=drawn)
     return Division("velocity-sign", name, unit, cell, np.array([[0.0, 1.0]]), (region,))
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sysid.diagnosis.bands import Band, band_shares
-from sysid.diagnosis.regions import Division, Region, by_experiment, divisions
+from sysid.diagnosis.regions import LARGEST_SHARE, Division, Region, by_experiment, divisions
 from sysid.diagnosis.scores import finite
 from sysid.diagnosis.series import Series
 from sysid.diagnosis.surrogates import Evidence, examine
@@ -172,8 +172,14 @@ def locate(
     for division in divided:
         shares[_key(division)] = shares.get(_key(division), ()) + _bars(division, evidence, series, families)
     shares = {name: bars for name, bars in shares.items() if bars}
-    findings.sort(key=_clearness, reverse=True)
-    return Location(tuple(findings), shares, bands)
+    return Location(_clearest(findings), shares, bands)
+
+
+def _clearest(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Sort by clearness; of two findings on the sign of the velocity keep the clearer one."""
+    ordered = sorted(findings, key=_clearness, reverse=True)
+    signs = [finding for finding in ordered if finding.kind == "velocity-sign"]
+    return tuple(finding for finding in ordered if finding not in signs[1:])
 
 
 def _clearness(finding: Finding) -> float:
@@ -249,6 +255,8 @@ def _divergence(error_share: float, data_share: float) -> float:
 def _matters(found: Evidence, index: int) -> bool:
     """Tell whether a contrast is large enough to be worth a sentence."""
     share, data = found.error_share[index], found.data_share[index]
+    if data > LARGEST_SHARE:
+        return False
     if found.statistic == "share":
         return bool(share * (1.0 - data) >= SMALLEST_ODDS * data * (1.0 - share))
     return bool(found.effect[index] >= SMALLEST_PULL)
