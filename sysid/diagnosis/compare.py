@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from sysid.diagnosis.content import Content
     from sysid.diagnosis.models import PortView
     from sysid.linear.simulation import Prediction
-    from sysid.physics import Model
+    from sysid.physics import Model, Starts
 # Percentage of the work that is done when the model is fitted.
 FITTING_SHARE = 60
 
@@ -137,7 +137,7 @@ def compare(
     *,
     delay: int | None = None,
     constant: bool | None = None,
-    start: Mapping[str, float] | None = None,
+    start: "Starts | None" = None,
     fixed: Mapping[str, float] | None = None,
     initial_state: str = "estimate",
     progress: Callable[[int, int], None] | None = None,

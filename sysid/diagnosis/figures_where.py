@@ -228,8 +228,10 @@ def binned(
     >>> levels.shape, float(mean[0]), float(mean[-1]), float(count.sum())
     ((5, 24), 1.0, 3.0, 240.0)
     """
-    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, bins + 1)))
-    cell = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, max(edges.size - 2, 0))
+    edges = np.unique(values)
+    if edges.size > bins:
+        edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, bins + 1))[:-1])
+    cell = np.maximum(np.searchsorted(edges, values, side="right") - 1, 0)
     order = np.argsort(cell, kind="stable")
     parts = np.split(order, np.flatnonzero(np.diff(cell[order])) + 1)
     middle = np.array([np.median(values[part]) for part in parts])
