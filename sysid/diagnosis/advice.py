@@ -10,15 +10,16 @@ def advise(structure: Structure, decision: Decision, accepted: Sequence[str]) ->
     """Return advice that fits the verdict."""
     if decision.verdict == "not-identifiable":
         return (
-            f"Searches of the model {structure.name!r} from different starts end at different answers: fix known "
-            "parameters with --fix, give better starts with --param, or measure with a richer input."
+            f"Searches of the model {structure.name!r} from different starts end at different answers: "
+            "fix known parameters with --fix, give better starts with --param, or measure with a richer "
+            "input."
         )
     if decision.verdict == "unexplained":
         tried = ", ".join(decision.rejected) or "none of the candidates"
         return (
             f"The model lacks something that no candidate explains ({tried} came closest, but "
-            f"{100 * decision.left_share:.0f} % of the explainable error is left): look at the free-form curves "
-            "of `sysid compare`, write the effect in TOML and give it with --effects-file."
+            f"{100 * decision.left_share:.2g} % of the explainable error is left): look at the free-form "
+            "curves of `sysid compare`, write the effect in TOML and give it with --effects-file."
         )
     if decision.verdict == "nothing-missing":
         return "Nothing is missing: what is left of the error is noise."

@@ -7,7 +7,7 @@ import numpy as np
 
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.evidence import ScoreScreen, block_separation, orthonormal, remainder, score_screen
-from sysid.diagnosis.noise_colour import Noise, noise_of
+from sysid.diagnosis.noise_colour import LARGEST_ORDER, Noise, noise_of
 from sysid.diagnosis.structures import Choice, Structure, StructureFit, filtered
 
 NOISE_EFFECT = "coloured_noise"
@@ -19,7 +19,9 @@ TIED = 2.0
 # A further effect must explain this share of what all effects explain, or it is a detail of the first.
 LEAST_SHARE = 0.01
 # Something is left when the probes find this with a chance below it, and this share of the explainable.
-LEFT_P_VALUE = 1e-6
+LEFT_P_VALUE = 1e-5
+# Noise that is coloured beside an effect is a trace of something else if the probes find this.
+SUSPECT_P_VALUE = 3e-3
 LEFT_SHARE = 0.004
 # Effects stay accepted beside something unexplained if they leave at most this share of the explainable.
 LEAST_EXPLAINED = 0.9
@@ -404,7 +406,8 @@ class Search:
         noise, given = self._noise(final), tuple(effect.name for effect in self.given)
         left_p, left_share, floor = self._left(baseline, final)
         accepted = self._order(fits)
-        if left_p < LEFT_P_VALUE and left_share > LEFT_SHARE:
+        suspect = bool(fits) and noise.order > 0 and self._noise_accepted(final, noise)
+        if left_p < (SUSPECT_P_VALUE if suspect else LEFT_P_VALUE) and left_share > LEFT_SHARE:
             useful = left_share <= 1.0 - LEAST_EXPLAINED
             rungs = tuple(fits if useful else fits[: len(given)])
             return Decision(
@@ -448,7 +451,11 @@ class Search:
             gammaincc(0.5 * noise.order, 0.5 * max(noise.gain + noise.order * np.log(self.rows.sum()), 0))
         )
         plain = self._held_out_error(fit, WHITE)
-        return p_value < self.alpha and noise.gain > 0 and self._held_out_error(fit, noise.polynomial) < plain
+        return (
+            LARGEST_ORDER * p_value < self.alpha
+            and noise.gain > 0
+            and self._held_out_error(fit, noise.polynomial) < plain
+        )
 
     def _colour(
         self, fit: StructureFit, tangent: Floats | None = None, probes: Floats | None = None
@@ -486,12 +493,13 @@ class Search:
     def _criterion(self, fit: StructureFit, noise: Noise) -> float:
         """Return the information criterion of a fit under a given colour of the noise."""
         n = int(self.rows.sum())
-        return n * np.log(max(self._cost(fit, noise) / n, 1e-300)) + fit.n_parameters * np.log(n)
+        return float(n * np.log(max(self._cost(fit, noise) / n, 1e-300)) + fit.n_parameters * np.log(n))
 
     def _own_criterion(self, fit: StructureFit) -> float:
         """Return the information criterion of a fit with the noise model of its own residual."""
         noise, n = self._noise(fit), int(self.rows.sum())
-        return n * np.log(max(noise.variance, 1e-300)) + (fit.n_parameters + noise.order) * np.log(n)
+        count = fit.n_parameters + noise.order
+        return float(n * np.log(max(noise.variance, 1e-300)) + count * np.log(n))
 
     def _held_out_error(self, fit: StructureFit, noise: Floats) -> float:
         error = filtered(self._residual(fit), self.held_out, noise)

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 HELP = "learn which physical effect a model lacks, and add it"
 DESCRIPTION = (
-    "Fit a model on the estimation rows of a measurement file, name the physical effect it lacks, add it where "
-    "all evidence agrees, and show the free-run error fall."
+    "Fit a model on the estimation rows of a measurement file, name the physical effect it lacks, add it "
+    "where all evidence agrees, and show the free-run error fall."
 )
 EXAMPLE = "sysid diagnose motor.csv --model dc-motor --period 0.01 --split-column set --json motor.json"
 
@@ -107,6 +107,10 @@ def _check(arguments: argparse.Namespace) -> None:
         raise UsageError(f"--max-effects is {arguments.max_effects}: give 0 or more")
     if not 0.0 < arguments.alpha < 1.0:
         raise UsageError(f"--alpha is {arguments.alpha:g}: give a chance between 0 and 1")
+    if arguments.save is not None:
+        from sysid.diagnosis.export import check_ending
+
+        check_ending(arguments.save)
     if arguments.seed < 0:
         raise UsageError(f"--seed is {arguments.seed}: give 0 or more")
 

@@ -19,6 +19,7 @@ from sysid.errors import DataError, ModelError, UsageError
 
 SCHEMA = 1
 KIND = "sysid-linear-model"
+ENDINGS = (".json", ".toml", ".py")
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ class SavedModel:
         for choice in chain.choices:
             if choice.effect.port == "parallel" or choice.name in MEMORY or choice.name in TIMED:
                 raise ModelError(
-                    f"effect {choice.name!r} has a memory of its own: use SavedModel.simulate instead of control"
+                    f"effect {choice.name!r} has a memory of its own: use SavedModel.simulate instead"
                 )
 
         def mapped(port: str, value: float) -> float:
@@ -174,14 +175,18 @@ def saved_model(model: DiagnosedModel) -> SavedModel:
 
 
 def save(model: DiagnosedModel, path: Path) -> None:
-    """Save a model by the ending of the file: ``.json``, ``.toml``, or ``.py`` for a function of NumPy alone."""
+    """Save a model by the ending of the file: ``.json``, ``.toml``, or ``.py`` (NumPy alone)."""
     from sysid.diagnosis.command import write_text
 
-    saved = saved_model(model)
+    check_ending(path)
     kinds = {".json": _json_text, ".toml": _toml_text, ".py": SavedModel.to_python}
-    if path.suffix not in kinds:
+    write_text(path, kinds[path.suffix](saved_model(model)))
+
+
+def check_ending(path: Path) -> None:
+    """Raise UsageError unless the ending names a format."""
+    if path.suffix not in ENDINGS:
         raise UsageError(f"{path}: the ending {path.suffix!r} is not known: choose .json, .toml or .py")
-    write_text(path, kinds[path.suffix](saved))
 
 
 def load(path: Path) -> SavedModel:

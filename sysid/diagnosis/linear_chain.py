@@ -298,7 +298,7 @@ class Chain:
 
     def error(self, data: Data, run: Run, noise: Floats) -> Floats:
         """Return the filtered error of a run on the used rows."""
-        return self._filtered(data, (data.y - run.y)[np.newaxis], noise)[0]
+        return np.asarray(self._filtered(data, (data.y - run.y)[np.newaxis], noise)[0])
 
     def slopes(self, data: Data, point: Floats, run: Run, noise: Floats, free: Mask | None = None) -> Floats:
         """Return the filtered derivative by the free parameters, shape (n_free, n_used)."""

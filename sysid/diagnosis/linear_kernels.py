@@ -5,13 +5,14 @@ drives that see z(k) and z(k) - z(k-1).  ``begin`` holds the first row of each e
 number of rows; nothing crosses the border between experiments.
 """
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, cast
 
 import numba
 import numpy as np
 from numba import types
 
-from sysid._compile import compiled
+from sysid._compile import Kernel, compiled
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.effects.laws import Drive, drive_signature
 
@@ -22,14 +23,14 @@ _matrix = types.Array(types.float64, 2, "C")
 _drive = types.FunctionType(drive_signature())
 
 
-def _with_drives(*signature: Any) -> Any:
+def _with_drives(*signature: Any) -> Callable[[Kernel], Kernel]:
     """Compile for one signature, so that any drive fits without compiling again."""
 
-    def decorate(function: Any) -> Any:
+    def decorate(function: Kernel) -> Kernel:
         try:
-            return numba.njit(list(signature), cache=True, nogil=True)(function)
+            return cast(Kernel, numba.njit(list(signature), cache=True, nogil=True)(function))
         except RuntimeError:
-            return numba.njit(list(signature), nogil=True)(function)
+            return cast(Kernel, numba.njit(list(signature), nogil=True)(function))
 
     return decorate
 

@@ -59,7 +59,7 @@ def noise_of(residual: Floats, rows: Mask, largest_order: int = LARGEST_ORDER) -
         filtered(values, rows, np.eye(lag + 1)[0] + np.eye(lag + 1)[lag]) - target
         for lag in range(1, largest + 1)
     ]
-    R = np.linalg.qr(np.column_stack([*lagged, target]), mode="r")
+    R: Floats = np.asarray(np.linalg.qr(np.column_stack([*lagged, target]), mode="r"))
     found, best = Noise(np.ones(1), float(np.mean(target**2)), 0.0), np.inf
     white = np.inf
     for order in range(largest + 1):

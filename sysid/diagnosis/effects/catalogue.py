@@ -118,9 +118,11 @@ def _from_table(name: str, table: Any) -> Effect:
     port, expression = str(table.get("port", "force")), table["expression"]
     apply = _map_of(expression, parameters) if port in ("input", "output") else None
     form = Form(name, parameters, apply, "" if apply else expression, smooth=bool(table.get("smooth", True)))
-    texts = {key: str(table.get(key, expression if key == "equation" else "")) for key in _TEXTS}
+    mechanism, equation, signature, look_alikes, reference = (
+        str(table.get(key, expression if key == "equation" else "")) for key in _TEXTS
+    )
     families = tuple(table.get("families", ("linear", "physics")))
-    return Effect(name, port, *(texts[key] for key in _TEXTS), (form,), families)
+    return Effect(name, port, mechanism, equation, signature, look_alikes, reference, (form,), families)
 
 
 def _parameter(effect: str, name: str, entry: Any) -> EffectParameter:

@@ -36,13 +36,15 @@ def drive_of(effect: Effect, form: Form) -> Drive:
 @lru_cache(maxsize=256)
 def pointer_of(drive: Drive) -> Any:
     """Return a drive as kernels take it: by its address, looked up once."""
-    from numba.experimental.function_type import _get_wrapper_address
-    from numba.types import WrapperAddressProtocol
+    from numba import types
+    from numba.experimental import function_type
 
     signature = drive_signature()
-    address = _get_wrapper_address(drive, signature)
+    address_of: Any = function_type._get_wrapper_address
+    address = address_of(drive, signature)
+    protocol: Any = types.WrapperAddressProtocol
 
-    class Pointer(WrapperAddressProtocol):  # type: ignore[misc]
+    class Pointer(protocol):  # type: ignore[misc]
         """The address of a compiled drive, which it keeps alive."""
 
         law = drive
@@ -61,13 +63,15 @@ def _drive(port: str, expression: str, names: tuple[str, ...]) -> Drive:
     text = _source(expression, {"x": "x", "y": "x", "v": "v"}, names)
     change = f"u - {text}" if port == "force" else f"u * {text}"
     source = f"{_LIBRARY}def law(u, x, v, p):\n    return {change}\n"
-    return _compiled(source, drive_signature())
+    drive: Drive = _compiled(source, drive_signature())
+    return drive
 
 
 @lru_cache(maxsize=1)
 def no_drive() -> Drive:
     """Return the drive that leaves the input as it is."""
-    return _compiled(f"{_LIBRARY}def law(u, x, v, p):\n    return u\n", drive_signature())
+    drive: Drive = _compiled(f"{_LIBRARY}def law(u, x, v, p):\n    return u\n", drive_signature())
+    return drive
 
 
 @lru_cache(maxsize=1)

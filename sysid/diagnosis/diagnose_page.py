@@ -1,0 +1,153 @@
+"""What a diagnosis shows: the ladder, the ranked candidates, the equation; as a page and as a PDF."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sysid.diagnosis.content import Content, Section, Table
+from sysid.diagnosis.figures import NARROW, WIDE, Picture
+from sysid.diagnosis.wording import percent, quantity, significant
+from sysid.reporting.style import COLOURS, style, svg
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from sysid.diagnosis.diagnose import Diagnosis
+
+SHOWN_CANDIDATES = 12
+
+
+def to_html(diagnosis: "Diagnosis") -> str:
+    """Return the page as one self-contained HTML text."""
+    from sysid.diagnosis.page import render
+
+    return render(content_of(diagnosis))
+
+
+def to_pdf(diagnosis: "Diagnosis", path: "Path") -> None:
+    """Write the same content as PDF."""
+    from sysid.diagnosis.document import render_pdf
+    from sysid.errors import UsageError
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(render_pdf(content_of(diagnosis)))
+    except OSError as problem:
+        raise UsageError(f"{path} cannot be written ({problem.strerror}): choose another place") from None
+
+
+def content_of(diagnosis: "Diagnosis") -> Content:
+    """Return what is shown of a diagnosis."""
+    judged = judged_set(diagnosis)
+    final = diagnosis.final
+    return Content(
+        title=f"{diagnosis.record.name}: what the model {diagnosis.structure.name!r} lacks",
+        judged=judged,
+        sentences=tuple(diagnosis.sentences()),
+        sections=(
+            Section(
+                "The ladder",
+                ("The error of the free run with each effect that was added, down to the noise floor.",),
+                tables=(_ladder_table(diagnosis, judged),),
+                pictures=(_ladder_picture(diagnosis, judged),),
+            ),
+            Section(
+                "Candidates",
+                (
+                    "Each candidate alone in the model. The p-value is the chance that the best of all "
+                    "candidates looks as good with nothing missing; the criterion is by how much the "
+                    "Bayesian information criterion falls; the error is that of the free run on the "
+                    "validation rows.",
+                ),
+                tables=(_candidates(diagnosis),),
+            ),
+            Section("The model", tuple(final.equation().split("\n")), tables=(_parameters(diagnosis),)),
+        ),
+    )
+
+
+def judged_set(diagnosis: "Diagnosis") -> str:
+    """Return the first test set with scores, or validation."""
+    scores = diagnosis.ladder[0].scores
+    return next((name for name in diagnosis.record.test_sets if name in scores), "validation")
+
+
+def _ladder_table(diagnosis: "Diagnosis", judged: str) -> Table:
+    unit = diagnosis.record.unit(diagnosis.record.outputs[0])
+    rows = []
+    for rung in diagnosis.ladder:
+        entry = rung.scores[judged]
+        low, high = entry["interval"]
+        rows.append(
+            (
+                rung.effect or "baseline",
+                _number(entry["rmse"], lambda v: quantity(v, unit)),
+                _number(entry["nrmse"], percent),
+                "" if low is None or high is None else f"{percent(low)} to {percent(high)}",
+                percent(rung.removed) if rung.step else "",
+            )
+        )
+    columns = ("added", ">RMSE", ">NRMSE", ">95 % interval", ">explainable error removed")
+    return Table(f"Free run on {judged}; the last column on the validation rows.", columns, tuple(rows))
+
+
+def _candidates(diagnosis: "Diagnosis") -> Table:
+    entries = diagnosis.to_json()["ranked"][:SHOWN_CANDIDATES]
+    rows = tuple(
+        (
+            entry["effect"],
+            _number(entry["p_value"], significant),
+            _number(entry["delta_bic"], significant),
+            _number(entry["nrmse_validation"], percent),
+            ", ".join(
+                f"{name} = {_number(p['value'], significant)} {p['unit']}".rstrip()
+                for name, p in entry["parameters"].items()
+            ),
+        )
+        for entry in entries
+    )
+    return Table("Best first.", ("effect", ">p-value", ">criterion", ">NRMSE", "parameters"), rows)
+
+
+def _parameters(diagnosis: "Diagnosis") -> Table:
+    rows = tuple(
+        (
+            f"{p.owner}: {p.name}" if p.owner else p.name,
+            significant(p.value, 4),
+            f"± {significant(1.96 * p.std_error, 2)}" if np.isfinite(p.std_error) else "",
+            p.unit,
+        )
+        for p in diagnosis.final.parameters
+    )
+    return Table("With 95 % intervals.", ("parameter", ">value", ">interval", "unit"), rows)
+
+
+def _number(value: float | None, words: Any) -> str:
+    return "" if value is None else str(words(value))
+
+
+def _ladder_picture(diagnosis: "Diagnosis", judged: str) -> Picture:
+    with style():
+        wide, narrow = (svg(_draw(diagnosis, judged, width)) for width in (WIDE, NARROW))
+    first, last = (rung.scores[judged]["rmse"] or 0.0 for rung in (diagnosis.ladder[0], diagnosis.ladder[-1]))
+    fall = f"It falls to {percent(last / first)} of the baseline's." if first else ""
+    reading = fall if len(diagnosis.ladder) > 1 else "Nothing was added."
+    return Picture("Free-run error, rung by rung", reading, wide, narrow)
+
+
+def _draw(diagnosis: "Diagnosis", judged: str, width: float) -> Any:
+    from matplotlib.figure import Figure
+
+    names = [rung.effect or "baseline" for rung in diagnosis.ladder]
+    values = [rung.scores[judged]["rmse"] or np.nan for rung in diagnosis.ladder]
+    figure = Figure(figsize=(width, 1.2 + 0.35 * len(names)), layout="constrained")
+    axes = figure.add_subplot()
+    axes.barh(range(len(names)), values, color=COLOURS[0], height=0.6)
+    axes.set_yticks(range(len(names)), names)
+    axes.invert_yaxis()
+    unit = diagnosis.record.unit(diagnosis.record.outputs[0])
+    axes.set_xlabel(f"RMSE on {judged}" + (f" [{unit}]" if unit else ""))
+    if np.isfinite(diagnosis.noise_floor):
+        axes.axvline(diagnosis.noise_floor, color=COLOURS[1], linestyle="--", label="noise floor")
+        axes.legend(loc="lower right", frameon=False)
+    return figure

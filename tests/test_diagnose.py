@@ -1,0 +1,283 @@
+"""The diagnosis: verdicts, evidence, the command, files."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+import sysid
+from sysid.cli import main
+from sysid.data import make_record
+from sysid.diagnosis.decide import Search
+from sysid.diagnosis.effects import find_effects
+from sysid.diagnosis.evidence import orthonormal, remainder, score_screen
+from sysid.diagnosis.export import load, save, saved_model
+from sysid.diagnosis.linear_structure import LinearStructure
+from sysid.diagnosis.structures import Structure
+from sysid.errors import DataError, UsageError
+
+FEW = [
+    "in_saturation", "in_deadzone", "in_backlash", "in_delay", "out_saturation", "out_offset", "out_drift",
+    "out_quadratic", "quad_drag", "cubic_stiffness", "coloured_noise",
+]  # fmt: skip
+A, B = [-1.5, 0.7], [0.3, -0.1]
+
+
+def plant(x, force=lambda z, speed: 0.0):
+    """A plain loop, written apart from the library."""
+    z, v = np.zeros(x.size), np.zeros(x.size)
+    for k in range(x.size):
+        for i in (1, 2):
+            if k >= i:
+                z[k] += B[i - 1] * v[k - i] - A[i - 1] * z[k - i]
+        v[k] = x[k] - force(z[k], z[k] - z[k - 1] if k else 0.0)
+    return z
+
+
+def make_case(effect="", seed=0, n=1200, snr=30.0, coloured=False):
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-2, 2, n // 4), 4)
+    x = np.clip(u, -1.0, 1.0) if effect == "in_saturation" else u
+    y = plant(x, (lambda z, s: 4.0 * s * abs(s)) if effect == "quad_drag" else (lambda z, s: 0.0))
+    if effect == "out_drift":
+        y = y + np.linspace(0.0, 1.5 * np.std(y), n)
+    if effect == "foreign":
+        y = y * np.cos(1.2 * y / np.std(y))  # a reading that folds over
+    noise = rng.standard_normal(n)
+    if coloured:
+        for k in range(1, n):
+            noise[k] += 0.85 * noise[k - 1]
+    y = y + noise / np.std(noise) * np.std(y) * 10 ** (-snr / 20)
+    return u, y, np.repeat(["est", "val", "test"], [n // 2, n // 4, n // 4])
+
+
+def record_of(*arguments, **keywords):
+    u, y, split = make_case(*arguments, **keywords)
+    return make_record(u, y, period=1.0, split=split)
+
+
+def diagnosed(*arguments, effects=FEW, **keywords):
+    return sysid.diagnose(record_of(*arguments, **keywords), order=2, initial_state="rest", effects=effects)
+
+
+@pytest.mark.parametrize("effect", ["in_saturation", "quad_drag", "out_drift"])
+def test_a_hidden_effect_is_named_and_the_error_falls_to_the_noise(effect):
+    found = diagnosed(effect)
+    assert (found.verdict, found.accepted) == ("missing-effect", (effect,))
+    assert found.decision.trials[0].name == effect
+    before, after = (rung.scores["test"]["rmse"] for rung in (found.ladder[0], found.ladder[-1]))
+    noise = np.std(found.record.y) * 10**-1.5
+    # Noise of 300 rows is known to 4 %; the fitted parameters add less than that.
+    assert before > 2.0 * noise
+    assert after < 1.15 * noise
+    assert found.ladder[1].removed > 0.95
+    assert found.noise_floor == pytest.approx(noise, rel=0.1)
+
+
+def test_nothing_missing_is_said_so():
+    found = diagnosed("")
+    assert (found.verdict, found.accepted) == ("nothing-missing", ())
+    assert np.array_equal(found.baseline.output, found.final.output)
+
+
+def test_noise_with_a_memory_is_no_effect_of_the_plant():
+    found = diagnosed("", coloured=True)
+    assert (found.verdict, found.accepted) == ("coloured-noise", ("coloured_noise",))
+
+
+def test_an_effect_outside_the_list_gets_no_name():
+    assert diagnosed("foreign").verdict == "unexplained"
+
+
+def test_the_same_seed_gives_the_same_numbers():
+    first, second = (diagnosed("in_saturation").to_json() for _ in range(2))
+    for answer in (first, second):
+        answer.pop("seconds")
+    assert first == second
+
+
+def test_effects_are_added_by_hand_and_offered_only_where_they_make_sense():
+    found = diagnosed("in_saturation", effects=["out_offset"])
+    model = found.add("in_saturation").fit()
+    (level,) = model.fitted.parameters_of("in_saturation")
+    assert abs(level.value - 1.0) < 5.0 * level.std_error
+    with pytest.raises(UsageError, match="makes no sense for the model 'linear'"):
+        found.add("coulomb")
+
+
+def test_accepting_nothing_leaves_the_baseline():
+    record = record_of("in_saturation")
+    found = sysid.diagnose(record, order=2, initial_state="rest", effects=FEW, accept="none")
+    assert found.verdict == "missing-effect"
+    assert found.accepted == ()
+    assert len(found.ladder) == 1
+    refused = sysid.diagnose(record, order=2, initial_state="rest", effects=FEW, accept=lambda name: False)
+    assert refused.accepted == ()
+
+
+def test_the_structure_is_one_of_the_protocol():
+    structure: Structure = LinearStructure(record_of(), 2, initial_state="rest")
+    assert structure.name == "linear"
+
+
+def test_the_null_distribution_of_the_largest_score_is_right():
+    """Of 300 white records, 30 +- 4 x 5.2 have a p-value below 0.1 (four standard errors of a binomial)."""
+    rng = np.random.default_rng(5)
+    u = rng.standard_normal(200)
+    tangent = np.column_stack([u, np.roll(u, 1)])
+    directions = {
+        "clip": [np.clip(u, -a, a)[:, np.newaxis] for a in (0.3, 0.6, 1.0, 1.5)],
+        "cube": [u[:, np.newaxis] ** 3],
+        "pair": [np.column_stack([u**2, np.ones(200)])],
+    }
+    small = 0
+    for run in range(300):
+        noise = 1.7 * rng.standard_normal(200)
+        found = score_screen(noise, tangent, directions, 1.7**2, np.random.default_rng(run))
+        small += found.p_value(max(found.statistics.values())) < 0.1
+    assert abs(small - 30) < 4 * np.sqrt(300 * 0.1 * 0.9)
+
+
+def test_the_test_for_a_remainder_is_right_where_nothing_is_left():
+    """Of 300 white records, 30 +- 4 x 5.2 have a p-value below 0.1."""
+    rng = np.random.default_rng(6)
+    tangent, probes = rng.standard_normal((150, 3)), rng.standard_normal((150, 12))
+    small = sum(remainder(rng.standard_normal(150), tangent, probes).p_value < 0.1 for _ in range(300))
+    assert abs(small - 30) < 4 * np.sqrt(300 * 0.1 * 0.9)
+    assert remainder(probes[:, 0] + 0.1 * rng.standard_normal(150), tangent, probes).p_value < 1e-6
+
+
+def test_a_basis_is_orthonormal_and_leaves_out_what_is_there():
+    rng = np.random.default_rng(7)
+    columns, without = rng.standard_normal((50, 4)), orthonormal(rng.standard_normal((50, 3)))
+    basis = orthonormal(np.column_stack([columns, columns[:, :2], without[:, 0]]), without)
+    assert basis.shape == (50, 4)
+    assert np.allclose(basis.T @ basis, np.eye(4), atol=1e-12)
+    assert np.allclose(without.T @ basis, 0.0, atol=1e-12)
+
+
+def test_false_alarms_on_records_with_nothing_missing():
+    """Twelve small records, half of them with coloured noise: at most one alarm (at 1 % each, p = 0.006)."""
+    effects, alarms = find_effects(FEW[:-1]), 0
+    for seed in range(12):
+        structure = LinearStructure(
+            record_of("", seed=seed, n=600, coloured=seed % 2 == 1), 2, initial_state="rest"
+        )
+        alarms += bool(Search(structure, effects, seed=seed).decide().accepted)
+    assert alarms <= 1
+
+
+def write_csv(path, u, y, split):
+    lines = ["k,u,y,set"]
+    for k, row in enumerate(zip(u, y, split, strict=True)):
+        lines.append(f"{k},{row[0]!r},{'' if row[2] == 'test' else repr(float(row[1]))},{row[2]}")
+    path.write_text("\n".join(lines).replace("np.float64(", "").replace(")", "") + "\n")
+
+
+def test_the_command_writes_what_others_read(tmp_path, capsys):
+    data = tmp_path / "case.csv"
+    write_csv(data, *make_case("in_saturation"))
+    files = {name: tmp_path / f"out.{name}" for name in ("json", "csv", "html", "pdf", "toml")}
+    code = main(
+        ["diagnose", str(data), "--model", "linear", "--order", "2", "--input", "u", "--output", "y",
+         "--period", "1.0", "--split-column", "set", "--effects", ",".join(FEW), "--accept", "auto",
+         "--initial-state", "rest", "--seed", "1", "--jobs", "1", "--json", str(files["json"]),
+         "--predictions", str(files["csv"]), "--html", str(files["html"]), "--pdf", str(files["pdf"]),
+         "--save", str(files["toml"])]
+    )  # fmt: skip
+    assert code == 0
+    assert "Missing in the model: in_saturation." in capsys.readouterr().out
+    answer = json.loads(files["json"].read_text())
+    assert answer["schema"] == 1
+    assert answer["verdict"] == "missing-effect"
+    assert answer["accepted"] == ["in_saturation"]
+    assert {entry["effect"] for entry in answer["ranked"]} == set(FEW) - {"coloured_noise"}
+    level = answer["ranked"][0]["parameters"]["level"]
+    assert abs(level["value"] - 1.0) < 5.0 * level["std_error"]
+    assert [rung["effect"] for rung in answer["ladder"]] == [None, "in_saturation"]
+    assert (
+        answer["ladder"][1]["scores"]["validation"]["rmse"]
+        < answer["ladder"][0]["scores"]["validation"]["rmse"]
+    )
+    with files["csv"].open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["k"] for row in rows] == [str(k) for k in range(1200)]
+    assert rows[-1]["measured"] == ""
+    assert all(np.isfinite(float(row["final"])) for row in rows)
+    assert "in_saturation" in files["html"].read_text()
+    assert files["pdf"].read_bytes().startswith(b"%PDF")
+    saved = load(files["toml"])
+    u = make_case("in_saturation")[0]
+    assert np.allclose(saved.simulate(u), [float(row["final"]) for row in rows], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("extra", "message"),
+    [
+        (["--effects", "in_saturatoin"], "effect 'in_saturatoin' is not known"),
+        (["--effects", ","], "--effects names no effect"),
+        (["--alpha", "2"], "--alpha is 2"),
+        (["--max-effects", "-1"], "--max-effects is -1"),
+        (["--jobs", "0"], "--jobs is 0"),
+        (["--model", "nosuch"], "nosuch"),
+        (["--add", "coloured"], "effect 'coloured' is not known"),
+        (["--save", "model.xyz"], "the ending '.xyz' is not known"),
+    ],
+)
+def test_bad_use_is_one_sentence(tmp_path, capsys, monkeypatch, extra, message):
+    monkeypatch.chdir(tmp_path)
+    data = tmp_path / "case.csv"
+    write_csv(data, *make_case("", n=200))
+    arguments = ["diagnose", str(data), "--period", "1", "--split-column", "set", "--order", "1"]
+    assert main([*arguments, *extra]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        ["in_saturation", "out_quadratic"],
+        ["in_backlash", "out_offset"],
+        ["quad_drag", "out_drift"],
+        ["op_gain", "feedthrough"],
+        ["extra_mode", "in_delay"],
+        ["time_variation", "out_lowpass"],
+    ],
+)
+def test_a_saved_model_simulates_alike_everywhere(tmp_path, effects):
+    found = diagnosed("", n=400, effects=["out_offset"])
+    model = found.add(*effects).fit()
+    file = tmp_path / "model.json"
+    save(model, file)
+    saved = load(file)
+    assert saved == saved_model(model)
+    u = found.record.u[:, 0]
+    expected = saved.simulate(u)
+    assert np.allclose(expected, model.output, rtol=1e-9, atol=1e-12)
+    names: dict[str, object] = {}
+    exec(saved.to_python(), names)
+    # The same sums in another order: rounding grows with the steps, not beyond 1e-9.
+    assert np.allclose(names["simulate"](u), expected, rtol=1e-8, atol=1e-9)
+
+
+def test_a_saved_model_runs_in_python_control():
+    import control
+
+    found = diagnosed("", n=400, effects=["out_offset"])
+    saved = saved_model(found.add("in_saturation", "cubic_stiffness", "out_quadratic").fit())
+    u = found.record.u[:60, 0]
+    system = saved.to_control()
+    start = np.zeros(4)
+    start[:] = 0.0
+    response = control.input_output_response(system, np.arange(60.0), u, start)
+    assert np.allclose(response.outputs, saved.simulate(u), rtol=1e-9, atol=1e-9)
+
+
+def test_a_file_that_is_no_model_is_refused(tmp_path):
+    file = tmp_path / "model.json"
+    file.write_text('{"kind": "other"}')
+    with pytest.raises(DataError, match=r"model\.json is no"):
+        load(file)
