@@ -8,10 +8,12 @@ import numpy as np
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.levenberg import Minimum, minimise
 from sysid.diagnosis.linear_chain import Chain, Data
+from sysid.diagnosis.linear_starts import with_regressed_coefficients
 
 # A grid of two shapes is searched whole up to this size, beyond it one shape after the other.
 LARGEST_PRODUCT = 50
 GRID_ITERATIONS = 3
+MUCH_BETTER = 0.8
 COARSE_ITERATIONS, FINE_ITERATIONS = 8, 40
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
@@ -47,12 +49,15 @@ class EffectSearch:
     def search(self, effort: int, near: Floats | None = None) -> list[Minimum]:
         """Return minima, best first; ``near`` are shapes worth trying besides the grid."""
         if not self.grids:
-            ends = [self._minimise(self.joined(start, ()), effort) for start in self.starts]
-            return _ranked(ends)
+            points = [self.joined(start, ()) for start in self.starts]
+            if self.chain.choices[-1].effect.port == "output":
+                points.append(with_regressed_coefficients(self.chain, self.data, points[0]))
+            return _ranked([self._minimise(point, effort) for point in points if point is not None])
         if near is not None:
             self._at(tuple(near))
         for shapes in self.grid_points():
             self._at(shapes)
+        self._with_regression()
         if len(self.grids) > 1 and np.prod([g.size for g in self.grids]) > LARGEST_PRODUCT:
             self._one_by_one()
         leaders = self._leaders(1 + 2 * effort if self.form.smooth else 1 + effort)
@@ -98,6 +103,32 @@ class EffectSearch:
         if end is not None:
             self.found[shapes] = end
         return end
+
+    def _with_regression(self) -> None:
+        """Try starts from an equation-error regression where they help at some points of the grid.
+
+        With a strong effect the model without it is so far off that a search from it ends elsewhere.
+        """
+        ranked = sorted(self.found, key=lambda shapes: self.found[shapes].cost)
+        if not ranked or self.chain.choices[-1].effect.port not in ("input", "output"):
+            return
+        helped = False
+        for shapes in {ranked[0], ranked[len(ranked) // 2], ranked[-1]}:
+            helped |= self._regressed_at(shapes)
+        for shapes in ranked if helped else ():
+            self._regressed_at(shapes)
+
+    def _regressed_at(self, shapes: tuple[float, ...]) -> bool:
+        """Search from the regression at a point of the grid; tell whether it found something much better."""
+        before = self.found[shapes]
+        start = with_regressed_coefficients(self.chain, self.data, before.point)
+        if start is None:
+            return False
+        end = minimise(self.chain, self.data, start, self.noise, free=self.others, iterations=GRID_ITERATIONS)
+        if end is None or end.cost >= before.cost:
+            return False
+        self.found[shapes] = end
+        return end.cost < MUCH_BETTER * before.cost
 
     def _better(self, points: list[Floats]) -> Floats | None:
         """Return the point of least cost as it is; None if all diverge."""

@@ -97,22 +97,38 @@ def _by_equation_error(chain: Chain, data: Data, point: Floats) -> list[Floats]:
     return starts
 
 
+def with_regressed_coefficients(chain: Chain, data: Data, whole: Floats) -> Floats | None:
+    """Return a point with a and b from the equation error, the effects held as they are."""
+    run, n = chain.run(data, whole), chain.order
+    if run is None:
+        return None
+    measured = np.where(data.used, data.y - (run.y - run.z), run.z)
+    a, start = np.zeros(n), whole.copy()
+    for _ in range(REFILTERED - 1):
+        found = _regressed(data, n, a, measured, run.v, None)
+        if found is None or not is_stable(found[0][:n]):
+            break
+        start[: 2 * n], a = found[0], found[0][:n]
+    return start
+
+
 def _regressed(
-    data: Data, n: int, a: Floats, z: Floats, x: Floats, felt: Floats
+    data: Data, n: int, a: Floats, z: Floats, x: Floats, felt: Floats | None
 ) -> tuple[Floats, float] | None:
     """Return a, b and the strength from the equation error, all signals filtered by 1/A first."""
-    time = np.arange(z.size) / z.size
-    signals = np.array([z, x, felt, np.ones(z.size), time])
+    inputs = [x] if felt is None else [x, felt]
+    signals = [z, *inputs, np.ones(z.size), np.arange(z.size) / z.size]
     rows = [data.by_experiment(lambda s, p, T: _all_pole(s, a), signal, a) for signal in signals]
     columns = [_lagged(data, -rows[0], i) for i in range(1, n + 1)]
-    columns += [_lagged(data, rows[j], i) for j in (1, 2) for i in range(1, n + 1)]
-    X = np.array([*columns, rows[3], rows[4]]).T[data.used]
+    columns += [_lagged(data, row, i) for row in rows[1:-2] for i in range(1, n + 1)]
+    X = np.array([*columns, *rows[-2:]]).T[data.used]
     size = np.linalg.norm(X, axis=0)
     if not np.isfinite(size).all() or (size == 0.0).any():
         return None
     found = np.linalg.lstsq(X / size, rows[0][data.used], rcond=1e-10)[0] / size
     b, d = found[n : 2 * n], found[2 * n : 3 * n]
-    return found[: 2 * n], float(b @ d / max(float(b @ b), 1e-300))
+    strength = 0.0 if felt is None else float(b @ d / max(float(b @ b), 1e-300))
+    return found[: 2 * n], strength
 
 
 def _all_pole(signal: Floats, a: Floats) -> Floats:
