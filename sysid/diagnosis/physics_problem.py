@@ -9,7 +9,7 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.physics_laws import coefficients, lower_bound, typical_size
+from sysid.diagnosis.physics_laws import INNER, coefficients, lower_bound, typical_size
 from sysid.diagnosis.structures import Choice, filtered
 from sysid.physics.forced import ForcedPlant
 from sysid.physics.model import Parameter
@@ -120,6 +120,8 @@ class Problem:
         ]
         self.n_model, self.n_effects = n, sum(counts)
         self.n_starts = setting.plant.order * len(self.parts) if self.free_start else 0
+        # Effects of strength zero are simulated as the others are, or their difference would be the steps'.
+        self.exact = not any(choice.effect.port in INNER for choice in self.choices)
         self.held = np.zeros(self.size, dtype=bool)
 
     @cached_property
@@ -194,7 +196,8 @@ class Problem:
             starts = points[:, first : first + plant.order]
         u = setting.record.u[part]
         driven = self._inputs(u, effects)
-        y = plant.run(values, laws, driven, starts, plant.substeps(values[:1], self.largest), states)
+        steps = 1 if self.exact else plant.substeps(values[:1], self.largest)
+        y = plant.run(values, laws, driven, starts, steps, states, self.exact)
         return self._outputs(y, u[:, 0], effects, rounded)
 
     def _inputs(self, u: Floats, effects: Sequence[Sequence[Floats]]) -> Floats:

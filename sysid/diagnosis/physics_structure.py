@@ -29,7 +29,7 @@ SPREAD = 0.25
 # that share of the error.
 AGREEMENT, OUTPUT_AGREEMENT = 1e-3, 0.05
 SEED = 7
-EVALUATIONS = (40, 14, 60)
+EVALUATIONS = (100, 14, 60)
 TOLERANCES = (1e-7, 1e-4, 1e-7)
 DESCENTS = (1, 2, 4)
 # The input counts as smooth between samples when that lowers the error to this share at least.
@@ -56,10 +56,6 @@ class PhysicsStructure:
         self.record = record
         self.name = model.name
         plant = ForcedPlant(model, record.period)
-        self.own_constant = _own_constant(model, plant)
-        if self.own_constant:
-            model = model.with_parameters(fixed={self.own_constant: 0.0})
-            plant = ForcedPlant(model, record.period)
         self.model, self.free_start = model, initial_state == "estimate"
         self._hold_chosen = False
         self._use(plant)
@@ -91,10 +87,8 @@ class PhysicsStructure:
         if effect.port in ("force", "gain", "flow") and not has_law(effect):
             return False
         if effect.port == "force":
-            # A constant force of the model's own makes friction that differs by direction a second name.
+            # With a constant force of the model's own these two would be second names.
             doubled = bool(port.constant) and effect.name in ("asymmetric_friction", "constant_force")
-            if doubled and effect.name == "constant_force":
-                doubled = not self.own_constant
             return port.velocity is not None and not doubled
         return effect.port != "flow" or bool(port.levels)
 
@@ -413,15 +407,6 @@ def _same(best: Minimum[Residual], end: Minimum[Residual]) -> bool:
     apart = float(np.linalg.norm(end.point.residual - best.point.residual))
     error = np.sqrt(best.cost)
     return bool(np.sqrt(end.cost) <= error * (1.0 + AGREEMENT) and apart <= OUTPUT_AGREEMENT * error)
-
-
-def _own_constant(model: Model, plant: ForcedPlant) -> str:
-    """Return the model's parameter that is a constant force of which nothing was said, or nothing."""
-    name = plant.port.constant
-    if not name:
-        return ""
-    parameter = model.parameter(name)
-    return name if parameter.status != "uncertain" and parameter.start == 0.0 else ""
 
 
 def _setting(record: Record, model: Model, plant: ForcedPlant, free_start: bool) -> Setting:
