@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -160,7 +161,7 @@ def confusion(singles: Sequence[Outcome]) -> dict[str, dict[str, int]]:
 def _curve(singles: Sequence[Outcome], what: str, edges: Any) -> list[dict[str, Any]]:
     """Return the share of accepted true effects in each bin of the effect's size or of the noise."""
     points = []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         share = _share(both, [o for o in singles if low <= o[what] < high])
         points.append({"from": float(low), "to": float(high), **share})
     return points

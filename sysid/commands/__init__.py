@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sysid.commands import data_arguments, models_arguments, replicate_arguments
+from sysid.commands import data_arguments, demo_arguments, models_arguments, replicate_arguments
 from sysid.diagnosis import command as compare
 
 Run = Callable[[argparse.Namespace], int]
@@ -36,6 +36,12 @@ def _data() -> Run:
 
 def _models() -> Run:
     from sysid.commands.models import run
+
+    return run
+
+
+def _demo() -> Run:
+    from sysid.commands.demo import run
 
     return run
 
@@ -73,5 +79,13 @@ COMMANDS = (
         "sysid models dc-motor",
         models_arguments.add,
         _models,
+    ),
+    Command(
+        "demo",
+        "make a record with a hidden effect, to try the diagnosis on",
+        "Make a record of a plant that has more in it than its model; what it is stays sealed till --reveal.",
+        "sysid demo --out demo --seed 1",
+        demo_arguments.add,
+        _demo,
     ),
 )

@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.demonstration import effects as hidden
 from sysid.demonstration.effects import Hidden, Scales
-from sysid.demonstration.plants import MODELS, Plant, draw_plant
+from sysid.demonstration.plants import MODELS, Plant, draw_plant, rounded
 from sysid.demonstration.share import baseline_share, nonlinear_share
 from sysid.demonstration.signals import draw_excitation
 from sysid.errors import UsageError
@@ -343,13 +343,8 @@ def _what_is_known(rng: np.random.Generator, plant: Plant) -> tuple[dict[str, fl
     default = {"positioning-stage": ("gain", "offset")}.get(plant.family, ())
     known = {name: plant.parameters[name] for name in fixed}
     start = {
-        name: value * (1.0 + float(rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.2)))
+        name: rounded(value * (1.0 + float(rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.2))))
         for name, value in plant.parameters.items()
         if name not in fixed and name not in default
     }
     return start, known
-
-
-def measured_only(case: Case) -> Case:
-    """Return the case as it is handed over: no output on the test rows."""
-    return replace(case, y=np.where(case.sets == "test", np.nan, case.y))
