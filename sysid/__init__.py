@@ -15,6 +15,7 @@ _PUBLIC = {
     "SeparableFit": "sysid.separable",
     "compare": "sysid.diagnosis.compare",
     "correlation_method": "sysid.hammerstein",
+    "diagnose": "sysid.diagnosis.diagnose",
     "fit_output_error": "sysid.linear",
     "fit_physics": "sysid.physics",
     "load_model": "sysid.physics",

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sysid.distributions import Distribution
 from sysid.errors import UsageError
@@ -146,6 +146,54 @@ def prbs(order: int, amplitude: float = 1.0, hold: int = 1, periods: int = 1) ->
     _check_positive("prbs: amplitude", amplitude)
     bits = np.asarray(max_len_seq(order)[0], np.float64)
     return np.tile(np.repeat(amplitude * (2.0 * bits - 1.0), hold), periods)
+
+
+def impulse_levels(levels: ArrayLike, order: int, periods: int = 1, *, even: bool = False) -> Floats:
+    """Return Giri's periodic train of one impulse a level, eq. (5.1).
+
+    With n = ``order`` a period has n (n_levels + 3) samples; the first level comes at 2n, the others
+    at 4n, 5n, ...  The gap of 2n after the first impulse gives the free response of the plant a second
+    start, so that the two free stretches of a period together excite every mode.
+
+    Parameters
+    ----------
+    levels : array_like, shape (n_levels,)
+        Heights of the impulses, at least two, none of them zero.
+    order : int
+        Order n of the linear system to be identified.
+    periods : int
+        Number of periods.
+    even : bool
+        Put the impulses at 2n, 3n, 4n, ... instead: the same period with one free stretch, which some
+        plants do not excite.
+
+    Returns
+    -------
+    ndarray, shape (order * (n_levels + 3) * periods,)
+
+    Raises
+    ------
+    UsageError
+        If there are fewer than two levels, one is zero or not finite, or a number is not positive.
+
+    Examples
+    --------
+    >>> impulse_levels([-6.0, -3.0, 3.0, 6.0], order=1)
+    array([ 0.,  0., -6.,  0., -3.,  3.,  6.])
+    """
+    _check_at_least("impulse_levels: order", order, 1)
+    _check_at_least("impulse_levels: periods", periods, 1)
+    heights = np.asarray(levels, dtype=np.float64)
+    if heights.ndim != 1 or heights.size < 2 or not np.all(np.isfinite(heights)) or np.any(heights == 0.0):
+        raise UsageError(
+            f"impulse_levels: levels are {heights.tolist()}; give at least two finite numbers, none zero."
+        )
+    places = (2 + np.arange(heights.size)) * order
+    if not even:
+        places[1:] += order
+    period = np.zeros(order * (heights.size + 3))
+    period[places] = heights
+    return np.tile(period, periods)
 
 
 def _check_at_least(what: str, value: int, least: int) -> None:

@@ -26,7 +26,7 @@ from sysid.linear.forms import (
 )
 from sysid.linear.output_error import make_segments
 from sysid.linear.reduction import BLOCK_ROWS, Reduction, Structure
-from sysid.linear.simulation import responses
+from sysid.linear.responses import responses
 from sysid.linear.uncertainty import autoregression
 
 A2, B2 = [1.0, -1.5, 0.7], [0.0, 1.0, 0.5]
@@ -433,6 +433,33 @@ def test_bad_requests_are_refused():
     holes = make_record(record.u, np.where(np.arange(60) < 50, record.y[:, 0], np.nan), 1.0, split=split)
     with pytest.raises(DataError, match="row 51: the output is missing"):
         fit_output_error(holes, 1, rows=np.ones(60, dtype=bool))
+
+
+def test_what_is_no_record_order_or_start_is_told():
+    record = simulated(60)
+    for action, message in [
+        (lambda: fit_output_error(record.u, 1), "record is of type ndarray"),
+        (lambda: choose_output_error(record.u), "record is of type ndarray"),
+        (lambda: fit_output_error(record, "2"), "order is '2': give a whole number"),
+        (lambda: fit_output_error(record, 2.5), "order is 2.5: give a whole number"),
+        (lambda: choose_output_error(record, order="a"), "order is 'a'"),
+        (lambda: fit_output_error(record, 2, constant="no"), "constant is 'no'"),
+        (lambda: fit_output_error(record, 2, start=np.array([0.5 + 0j])), "give 2 finite ones"),
+        (lambda: fit_output_error(record, 2, rows=np.ones(9, dtype=bool)), "give one True or False for each"),
+    ]:
+        with pytest.raises(UsageError, match=message):
+            action()
+
+
+def test_a_record_with_other_channels_or_period_is_not_predicted():
+    record = simulated(60)
+    fit = fit_output_error(record, 1)
+    wide = make_record(np.column_stack([record.u, record.u]), record.y, record.period)
+    with pytest.raises(UsageError, match="the record has 2 inputs and 1 outputs, the model was fitted to 1"):
+        predict(fit, wide)
+    slow = make_record(record.u, record.y, 2.0 * record.period)
+    with pytest.raises(UsageError, match="resample the record"):
+        predict(fit, slow)
 
 
 @pytest.mark.skipif("SYSID_DATA" not in os.environ, reason="SYSID_DATA names no folder of real records")

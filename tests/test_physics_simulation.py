@@ -161,7 +161,7 @@ def test_an_oscillator_without_cubic_stiffness_is_linear():
 
 def test_kernels_without_a_cache_folder(monkeypatch):
     source = Simulator(duffing(), 0.1).source
-    monkeypatch.setattr("sysid.physics.generator._stored", lambda source: None)
+    monkeypatch.setattr("sysid.physics.generator.stored", lambda source: None)
     run, _ = compiled_kernels.__wrapped__(source)
     u, y = np.ones((5, 1)), np.empty((5, 1))
     run(u, np.zeros(2), np.array([3.0, 0.1, 0.7, 20.0]), 0.1, 1, y)

@@ -3,12 +3,11 @@
 import math
 from collections.abc import Mapping, Sequence
 
-import numpy as np
 from scipy.special import ndtri
 
 from replications.bai import example_2, setting
-from replications.bai.errata import CORRECTED_TOLERANCE, Erratum
 from replications.bai.worked import WORKED
+from replications.errata import CORRECTED_TOLERANCE, Erratum, erratum_gates
 from sysid import gates as gate
 from sysid.claims import Claim
 from sysid.gates import Gate
@@ -178,19 +177,7 @@ def worked_gates(case: str, entry: Mapping[str, object]) -> list[Gate]:
 
 def errata_gates(numbers: Mapping[str, float], errata: Sequence[Erratum]) -> list[Gate]:
     """Require printed forms to be wrong, corrected ones right, and the rest confirmed."""
-    found = []
-    for erratum in errata:
-        found.append(
-            gate.at_most(
-                f"erratum/{erratum.id}/corrected",
-                erratum.corrected_error,
-                CORRECTED_TOLERANCE,
-                "exact",
-                erratum.measure,
-            )
-        )
-        printed = min(erratum.printed_error, np.finfo(float).max)
-        found.append(gate.at_least(f"erratum/{erratum.id}/printed", printed, 1e-2, "exact", erratum.measure))
+    found = erratum_gates(errata)
     for name, value in numbers.items():
         if name.startswith("confirmed/(3.16)"):
             found.append(

@@ -6,7 +6,6 @@ symbol are read in the most favourable way that keeps what is printed.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -14,48 +13,11 @@ import numpy as np
 from replications.bai import setting
 from replications.bai.example_1 import Example1, one_parameter_map
 from replications.bai.worked import static_map
+from replications.errata import Erratum
 from sysid import moment_ratios
 from sysid.distributions import Distribution, PiecewiseUniform, Uniform
 from sysid.hammerstein import correlation_equations
 from sysid.separable import LaggedRegression
-
-CORRECTED_TOLERANCE = 1e-10
-"""Corrected forms agree with their independent evaluation to this; quadrature is good to 1e-12."""
-
-
-@dataclass(frozen=True)
-class Erratum:
-    """One printing error.
-
-    Attributes
-    ----------
-    id, where : str
-        Name, and place in the paper.
-    printed, corrected : str
-        The formulas, in LaTeX or words.
-    measure : str
-        What the two errors measure.
-    printed_error, corrected_error : float
-        How far the printed and the corrected form are from the independent evaluation.
-    note : str
-        What it means.
-    """
-
-    id: str
-    where: str
-    printed: str
-    corrected: str
-    measure: str
-    printed_error: float
-    corrected_error: float
-    note: str
-
-    def to_json(self) -> dict[str, object]:
-        """Return the fields; an infinite error becomes the string "infinite"."""
-        fields = dict(self.__dict__)
-        if not np.isfinite(self.printed_error):
-            fields["printed_error"] = "infinite"
-        return fields
 
 
 def errata() -> list[Erratum]:

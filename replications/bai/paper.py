@@ -9,7 +9,6 @@ import numpy as np
 
 from replications.bai import checks, example_2, setting
 from replications.bai.errata import (
-    Erratum,
     centred_covariance_spread,
     confirmed_moments,
     cubic_root_counts,
@@ -23,6 +22,7 @@ from replications.bai.plausibility import (
     rounded_share,
 )
 from replications.bai.worked import WORKED, WorkedRun, true_parameters
+from replications.errata import Erratum, erratum_numbers
 from sysid.claims import Claim, judge, read
 from sysid.montecarlo import Study, Task
 from sysid.replication import PaperResult, Session
@@ -265,8 +265,7 @@ def example_2_numbers(study: Study, monte_carlo: Mapping[str, Mapping[str, objec
 
 def errata_numbers(found: list[Erratum]) -> dict[str, float]:
     """Return the errors of printed and corrected formulas, and what is confirmed."""
-    numbers = {f"erratum/{erratum.id}/printed": erratum.printed_error for erratum in found}
-    numbers |= {f"erratum/{erratum.id}/corrected": erratum.corrected_error for erratum in found}
+    numbers = erratum_numbers(found)
     numbers["erratum/nonzero-mean-input/centred_covariance_spread"] = centred_covariance_spread()
     numbers |= {f"confirmed/{name}": value for name, value in confirmed_moments().items()}
     right, total = cubic_root_counts()

@@ -7,6 +7,7 @@ from replications.bai import example_2, setting
 from replications.bai.example_1 import one_parameter_map
 from replications.bai.figures import block_diagram, consistency, cost_curves, example_2_bands, maps
 from replications.bai.worked import WORKED
+from replications.errata import show_errata
 from sysid.reporting import display
 from sysid.reporting.display import Display, Markdown
 
@@ -263,31 +264,7 @@ def worked(results: Results) -> Display:
 
 def errata(results: Results) -> Display:
     """Show every printing error with its numbers."""
-    parts = []
-    for entry in results["papers"]["bai"]["tables"]["errata"]:
-        printed = entry["printed_error"]
-        parts.append(
-            display.group(
-                display.prose(
-                    f"### {entry['where']}\n\nPrinted:\n\n$$ {entry['printed']} $$\n\n"
-                    f"Right:\n\n$$ {entry['corrected']} $$"
-                ),
-                display.table(
-                    [
-                        [
-                            printed if isinstance(printed, str) else float(printed),
-                            float(entry["corrected_error"]),
-                        ]
-                    ],
-                    ["as printed", "corrected"],
-                    caption=f"{entry['measure'][0].upper()}{entry['measure'][1:]}.",
-                    align="rr",
-                    formats={"corrected": ".1e"},
-                ),
-                display.prose(entry["note"]),
-            )
-        )
-    return display.group(*parts)
+    return show_errata(results, "bai")
 
 
 def confirmed(results: Results) -> Display:

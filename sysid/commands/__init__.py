@@ -4,8 +4,15 @@ import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sysid.commands import data_arguments, demo_arguments, models_arguments, replicate_arguments
+from sysid.commands import (
+    data_arguments,
+    demo_arguments,
+    effects_arguments,
+    models_arguments,
+    replicate_arguments,
+)
 from sysid.diagnosis import command as compare
+from sysid.diagnosis import diagnose_command as diagnose
 
 Run = Callable[[argparse.Namespace], int]
 
@@ -46,6 +53,12 @@ def _demo() -> Run:
     return run
 
 
+def _effects() -> Run:
+    from sysid.commands.effects import run
+
+    return run
+
+
 COMMANDS = (
     Command(
         "replicate",
@@ -64,6 +77,14 @@ COMMANDS = (
         lambda: compare.run,
     ),
     Command(
+        "diagnose",
+        diagnose.HELP,
+        diagnose.DESCRIPTION,
+        diagnose.EXAMPLE,
+        diagnose.add_arguments,
+        lambda: diagnose.run,
+    ),
+    Command(
         "data",
         "list, describe and fetch public benchmark records",
         "List, describe and fetch public benchmark records.  SYSID_DATA names a folder of local copies, "
@@ -79,6 +100,15 @@ COMMANDS = (
         "sysid models dc-motor",
         models_arguments.add,
         _models,
+    ),
+    Command(
+        "effects",
+        "list and explain the effects a model may lack",
+        "List the effects that `sysid diagnose` looks for; explain those that are named: mechanism, "
+        "equation, signature, look-alikes, parameters.",
+        "sysid effects coulomb in_backlash",
+        effects_arguments.add,
+        _effects,
     ),
     Command(
         "demo",

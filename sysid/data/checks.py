@@ -1,9 +1,13 @@
 """What makes a record unusable (an error) or odd (a warning)."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import ESTIMATION_LABELS, MINIMUM_ROWS, TEST_PREFIX, VALIDATION_LABEL, Floats
+from sysid.data.drift import drift_warnings
+from sysid.data.labels import ESTIMATION_LABELS, MINIMUM_ROWS, TEST_PREFIX, VALIDATION_LABEL, Floats
+from sysid.data.quantisation import quantisation_warnings
 from sysid.errors import DataError
 
 # Squares and their sums must neither overflow nor vanish: no unit of measurement needs values beyond these.
@@ -73,6 +77,7 @@ def find_warnings(
     outputs: tuple[str, ...],
     labels: NDArray[np.str_],
     starts: tuple[int, ...],
+    units: Mapping[str, str],
 ) -> tuple[str, ...]:
     """Return one sentence for each odd thing that does not stop the work; test rows are not looked at."""
     is_test = np.char.startswith(labels, TEST_PREFIX)
@@ -80,8 +85,14 @@ def find_warnings(
     for values, names in ((u, inputs), (y, outputs)):
         for column, name in enumerate(names):
             found.extend(_clipping(values[~is_test, column], name))
+            found.extend(quantisation_warnings(values[~is_test, column], name, units.get(name, "")))
+    seen = np.where(is_test[:, np.newaxis], np.nan, y)
+    ends = (*starts[1:], labels.size)
     for column, name in enumerate(outputs):
-        found.extend(_outliers(np.where(is_test, np.nan, y[:, column]), name, starts))
+        found.extend(_outliers(seen[:, column], name, starts))
+        for first, last in zip(starts, ends, strict=True):
+            level = seen[first:last, column]
+            found.extend(drift_warnings(u[first:last], level, name, units.get(name, ""), first + 1))
     return tuple(found)
 
 

@@ -1,15 +1,9 @@
 """Read a record from a table in a file."""
 
-import csv
-import gzip
-import re
-import warnings
-import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,35 +12,17 @@ from sysid.data.formats import stored_table
 from sysid.data.notes import known_period, read_notes
 from sysid.data.record import Floats, Record, make_record, names_of
 from sysid.data.registry import EXPERIMENT_COLUMN, SPLIT_COLUMN, registered_path
+from sysid.data.resampling import clock_of, resample_table
+from sysid.data.text import detect, read_table
 from sysid.data.times import period_from_times, restarts
+from sysid.data.units import in_seconds, named_units
 from sysid.errors import DataError, UsageError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-SEPARATORS = (";", "\t", ",", "|")
-COMMENT_SIGNS = ("#", "%", "//")
 TIME_COLUMN = "t"
-HEAD_BYTES = 65536
 LISTED_COLUMNS = 20
-# UTF-32 first: its little-endian mark begins with that of UTF-16.
-BYTE_ORDER_MARKS = (
-    ((b"\xff\xfe\0\0", b"\0\0\xfe\xff"), "utf-32"),
-    ((b"\xff\xfe", b"\xfe\xff"), "utf-16"),
-)
-UNPRINTABLE = frozenset(range(32)) - frozenset(b"\t\n\v\f\r\x1a\x1b")
-
-
-@dataclass(frozen=True)
-class Dialect:
-    """How a text table is written."""
-
-    encoding: str
-    separator: str
-    decimal: str
-    comment: str | None
-    columns: tuple[str, ...]
-    lines_before_header: int
 
 
 def read_record(
@@ -61,6 +37,7 @@ def read_record(
     skip: int | None = None,
     separator: str | None = None,
     decimal: str | None = None,
+    resample: float | None = None,
 ) -> Record:
     r"""Read a record from a CSV (plain or ``.gz``), Parquet, MATLAB or npz file.
 
@@ -88,6 +65,8 @@ def read_record(
         Rows not scored at the beginning of each test set.
     separator, decimal : str, optional
         Overrule what is detected in a text table.
+    resample : float, optional
+        Period [s] to which the rows are brought (`sysid.data.resampling`); times need not be uniform then.
 
     Returns
     -------
@@ -119,7 +98,9 @@ def read_record(
         if sign is not None and len(sign) != 1:
             raise UsageError(f"{what} is {sign!r}: give a single sign, or leave it out to have it detected")
     try:
-        return _read(path, inputs, outputs, period, time, split, experiment, skip, separator, decimal)
+        return _read(
+            path, inputs, outputs, period, time, split, experiment, skip, separator, decimal, resample
+        )
     except DataError as problem:
         # What is found in the numbers does not know the file they came from.
         text = str(problem)
@@ -138,6 +119,7 @@ def _read(
     skip: int | None,
     separator: str | None,
     decimal: str | None,
+    resample: float | None,
 ) -> Record:
     registered = registered_path(path)
     if registered is not None:
@@ -146,7 +128,7 @@ def _read(
     texts = [name for name in (split, experiment) if name is not None]
     stored = stored_table(path)
     if stored is None:
-        dialect = _detect(path, separator, decimal)
+        dialect = detect(path, separator, decimal)
         columns = dialect.columns
     else:
         columns = stored.columns(wanted)
@@ -154,7 +136,7 @@ def _read(
     clock = time if time is not None else _restart_column(columns, wanted)
     names = [*wanted, *([clock] if clock is not None else [])]
     if stored is None:
-        table = _read_table(path, dialect, names, texts)
+        table = read_table(path, dialect, names, texts)
     else:
         table = stored.read(names, texts)
         period = stored.period() if period is None and time is None else period
@@ -173,109 +155,34 @@ def _read(
         )
     known = None if experiment is None else _text(table, experiment)
     groups = _experiments(known, times, strict=time is not None)
+    units = named_units(wanted) | dict(notes.units)
     if time is not None and times is not None:
-        period = period_from_times(times, groups, time, period)
+        times = in_seconds(times, time, units.get(time, ""), remarks)
+        if resample is None:
+            period = period_from_times(times, groups, time, period)
+    u = np.column_stack([_numbers(table, name, path) for name in inputs])
+    y = np.column_stack([_numbers(table, name, path) for name in outputs])
+    skips = notes.skips(labels) if skip is None else skip
+    if resample is not None:
+        if time is None or times is None:
+            times = clock_of(known_period(period, notes), groups, len(u))
+        rows = resample_table(times, u, y, groups, labels, skips, resample)
+        u, y, groups, labels, skips, period = rows.u, rows.y, rows.groups, rows.labels, rows.skip, resample
+        remarks.append(rows.remark)
     return make_record(
-        np.column_stack([_numbers(table, name, path) for name in inputs]),
-        np.column_stack([_numbers(table, name, path) for name in outputs]),
+        u,
+        y,
         known_period(period, notes),
         name=path.name.removesuffix(".gz").rsplit(".", 1)[0],
         inputs=tuple(inputs),
         outputs=tuple(outputs),
-        units=notes.units,
+        units={name: unit for name, unit in units.items() if name != time},
         split=labels,
         experiment=groups,
-        skip=notes.skips(labels) if skip is None else skip,
+        skip=skips,
         warnings=remarks,
         source=path,
     )
-
-
-def _open(path: Path) -> bytes:
-    """Return the first bytes of the file, decompressed."""
-    try:
-        if path.is_dir():
-            raise DataError(f"{path} is a folder: give the file with the measurements")
-        with path.open("rb") as raw:
-            packed = raw.read(2) == b"\x1f\x8b"
-        with gzip.open(path, "rb") if packed else path.open("rb") as stream:
-            return stream.read(HEAD_BYTES)
-    except FileNotFoundError:
-        raise DataError(f"there is no file {path}: check the name and the folder") from None
-    except (OSError, EOFError, ValueError, zlib.error) as problem:
-        reason = getattr(problem, "strerror", None) or problem
-        raise DataError(f"{path} cannot be read ({reason}): give a whole, readable file") from None
-
-
-def _detect(path: Path, separator: str | None, decimal: str | None) -> Dialect:
-    """Find out how the table is written from its first lines."""
-    head = _open(path)
-    encoding = _encoding(head, path)
-    text = head.decode(encoding, errors="ignore")
-    lines = text.splitlines()
-    before = 0
-    while before < len(lines) and (not lines[before].strip() or lines[before].startswith(COMMENT_SIGNS)):
-        before += 1
-    if before == len(lines):
-        raise DataError(f"{path} is empty: it needs a header row with column names and rows of numbers")
-    comment = next((line[0] for line in lines[:before] if line.startswith(COMMENT_SIGNS)), None)
-    header = lines[before]
-    if separator is None:
-        separator = max(SEPARATORS, key=header.count)
-        if header.count(separator) == 0:
-            separator = r"\s+"
-    columns = tuple(name.strip() for name in _header_cells(header, separator))
-    if all(_is_number(name) for name in columns):
-        raise DataError(
-            f"{path}: the first row is {header.strip()[:60]!r}, all numbers: columns are chosen by name, "
-            "so add a header row"
-        )
-    if decimal is None:
-        decimal = _decimal(lines[before + 1 : before + 200], separator)
-    return Dialect(encoding, separator, decimal, comment, columns, before)
-
-
-def _encoding(head: bytes, path: Path) -> str:
-    for marks, encoding in BYTE_ORDER_MARKS:
-        if head.startswith(marks):
-            return encoding
-    if not UNPRINTABLE.isdisjoint(head):
-        raise DataError(f"{path} is not a text table: export it as CSV")
-    try:
-        # Four bytes less, so that a character cut by the end of the head does not count.
-        head[:-4].decode("utf-8") if len(head) == HEAD_BYTES else head.decode("utf-8")
-    except UnicodeDecodeError:
-        return "cp1252"
-    return "utf-8-sig"
-
-
-def _header_cells(header: str, separator: str) -> list[str]:
-    """Cut the header, in which a quoted name may hold the separator."""
-    if separator == r"\s+":
-        return [name.strip('"') for name in header.split()]
-    return next(csv.reader([header], delimiter=separator, skipinitialspace=True))
-
-
-def _cells(line: str, separator: str) -> list[str]:
-    return line.split() if separator == r"\s+" else line.split(separator)
-
-
-def _decimal(lines: Sequence[str], separator: str) -> str:
-    """Return the decimal sign: a comma if cells hold commas and no points."""
-    if separator == ",":
-        return "."
-    cells = [cell.strip() for line in lines for cell in _cells(line, separator)]
-    commas = sum(_is_number(cell.replace(",", ".")) for cell in cells if cell.count(",") == 1)
-    points = sum(_is_number(cell) for cell in cells if "." in cell)
-    return "," if commas > points else "."
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def _check_columns(
@@ -312,60 +219,6 @@ def _nearest(name: str, columns: Sequence[str]) -> str | None:
 def _restart_column(columns: Sequence[str], wanted: Sequence[str]) -> str | None:
     """Return the time column that only tells where experiments restart."""
     return TIME_COLUMN if TIME_COLUMN in columns and TIME_COLUMN not in wanted else None
-
-
-def _read_table(path: Path, dialect: Dialect, wanted: Sequence[str], texts: Sequence[str]) -> "pd.DataFrame":
-    import pandas as pd
-
-    names = list(dict.fromkeys(wanted))
-    places = {dialect.columns.index(name): name for name in names}
-    beyond = len(dialect.columns)  # one cell after the last column, to see rows that are too long
-    with path.open("rb") as raw:
-        compression = "gzip" if raw.read(2) == b"\x1f\x8b" else None
-    options: dict[str, Any] = {
-        "sep": dialect.separator,
-        "decimal": dialect.decimal,
-        "encoding": dialect.encoding,
-        "skiprows": dialect.lines_before_header + 1,
-        "header": None,
-        "names": range(beyond + 1),  # places: names of columns that are not read may be double
-        "dtype": {**{place: "str" for place, name in places.items() if name in texts}, beyond: "str"},
-        "keep_default_na": False,
-        "na_values": {place: [""] for place, name in places.items() if name not in texts},
-        "skipinitialspace": True,
-        "comment": dialect.comment,
-        "index_col": False,
-        "compression": compression,
-        "low_memory": False,
-    }
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", pd.errors.ParserWarning)  # cells of long rows would be lost
-            table: pd.DataFrame = pd.read_csv(path, **options)
-    except pd.errors.ParserWarning:
-        raise _too_long(path, "row 1", dialect) from None
-    except (pd.errors.ParserError, UnicodeError, EOFError, OSError, zlib.error) as problem:
-        if place := re.search(r"Expected \d+ fields in (line \d+), saw", str(problem)):
-            raise _too_long(path, place[1], dialect) from None
-        reason = " ".join(str(problem).split())
-        raise DataError(
-            f"{path} cannot be read as a table ({reason}): repair the file or export it again"
-        ) from None
-    if len(table) == 0:
-        raise DataError(f"{path} has a header and no rows: it needs rows of numbers")
-    longer = (table[beyond].fillna("").str.strip() != "").to_numpy(dtype=bool)
-    if longer.any():
-        raise _too_long(path, f"row {int(np.argmax(longer)) + 1}", dialect)
-    return table.rename(columns=places)
-
-
-def _too_long(path: Path, place: str, dialect: Dialect) -> DataError:
-    """Return the error for a row whose values would stand in wrong columns."""
-    return DataError(
-        f"{path.name}, {place}: there are more cells than the {len(dialect.columns)} columns of the header: "
-        f"quote cells that hold {dialect.separator!r}, such as numbers with a decimal comma or thousands "
-        "separators, or give every column a name"
-    )
 
 
 def _numbers(table: "pd.DataFrame", name: str, path: Path) -> Floats:

@@ -12,16 +12,24 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sysid.errors import DataError
+from sysid.data.checks import check_arrays, find_warnings
+from sysid.data.labels import ESTIMATION_LABELS, TEST_PREFIX, VALIDATION_LABEL, Floats, Mask
+from sysid.errors import DataError, UsageError
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+__all__ = [
+    "ESTIMATION_LABELS",
+    "TEST_PREFIX",
+    "VALIDATION_LABEL",
+    "Floats",
+    "Mask",
+    "Record",
+    "check_record",
+    "make_record",
+    "names_of",
+]
+
 Array = TypeVar("Array", bound=NDArray[Any])
 
-ESTIMATION_LABELS = ("train", "est")
-VALIDATION_LABEL = "val"
-TEST_PREFIX = "test"
-MINIMUM_ROWS = 20
 HELD_OUT_SHARE = 0.25
 
 
@@ -213,9 +221,8 @@ def make_record(
     >>> record
     Record('record': 40 rows at 0.1 s, u -> y, 1 experiment, estimation 30, validation 10, test sets: none)
     """
-    from sysid.data.checks import check_arrays, find_warnings
-
     u_array, y_array = _columns(u, "u"), _columns(y, "y")
+    units = _checked_units(units)
     input_names = names_of(inputs) or _default_names("u", u_array.shape[1])
     output_names = names_of(outputs) or _default_names("y", y_array.shape[1])
     n_samples = u_array.shape[0]
@@ -228,7 +235,7 @@ def make_record(
     skips = dict(skip) if isinstance(skip, Mapping) else dict.fromkeys(sorted(test_sets), skip)
     skips = {name: _row_count(rows) for name, rows in skips.items()}
     _check_skips(skips, labels)
-    found = find_warnings(u_array, y_array, input_names, output_names, labels, starts)
+    found = find_warnings(u_array, y_array, input_names, output_names, labels, starts, units)
     return Record(
         name=name,
         u=_frozen(u_array),
@@ -236,7 +243,7 @@ def make_record(
         period=period,
         inputs=input_names,
         outputs=output_names,
-        units=MappingProxyType(dict(units or {})),
+        units=MappingProxyType(units),
         split=_frozen(labels),
         held_out=_frozen(held_out),
         starts=starts,
@@ -247,9 +254,35 @@ def make_record(
     )
 
 
+def check_record(record: object) -> Record:
+    """Return what was given if it is a record.
+
+    Raises
+    ------
+    UsageError
+        If it is something else, such as an array.
+    """
+    if isinstance(record, Record):
+        return record
+    raise UsageError(
+        f"record is of type {type(record).__name__}: make one with sysid.data.make_record(u, y, period)"
+    )
+
+
 def names_of(names: Sequence[str]) -> tuple[str, ...]:
     """Return column names as a tuple; a single name may stand alone."""
-    return (names,) if isinstance(names, str) else tuple(names)
+    found = (names,) if isinstance(names, str) else tuple(names)
+    for name in found:
+        if not isinstance(name, str) or not name.strip():
+            raise UsageError(f"a column is named {name!r}: give each column a name, as a text")
+    return found
+
+
+def _checked_units(units: Mapping[str, str] | None) -> dict[str, str]:
+    known = {} if units is None else units
+    if not isinstance(known, Mapping) or not all(isinstance(unit, str) for unit in known.values()):
+        raise UsageError(f"units is {units!r}: give a mapping from column to unit, such as {{'u': 'V'}}")
+    return dict(known)
 
 
 def _columns(values: ArrayLike, name: str) -> Floats:

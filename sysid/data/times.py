@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Floats
+from sysid.data.labels import Floats
 from sysid.errors import DataError
 
 # Largest deviation of one step from the period.  Times are often printed with few digits.
@@ -70,7 +70,8 @@ def period_from_times(
         row = int(np.argmax(wrong)) + 1
         raise DataError(
             f"row {row + 1}: the time step in {name!r} is {steps[row - 1]:g} s where the others are "
-            f"{typical:g} s: sampling must be uniform; resample the record, or mark a gap as a new experiment"
+            f"{typical:g} s: sampling must be uniform; resample (--resample {typical:.6g}), or mark "
+            "a gap as a new experiment"
         )
     period = float(np.mean(steps[inside]))
     if stated is not None and abs(stated - period) > PERIOD_TOLERANCE * period:

@@ -4,6 +4,7 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +37,7 @@ def add_data_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--output", metavar="NAME", action="append", help="output column (default: y)")
     group.add_argument("--period", metavar="SECONDS", type=float, help="sampling period")
     group.add_argument("--time", metavar="NAME", help="time column [s], instead of a period")
+    group.add_argument("--resample", metavar="SECONDS", type=float, help="bring the rows to this period")
     group.add_argument(
         "--split-column", metavar="NAME", help="column with train or est, val, and names that begin with test"
     )
@@ -51,15 +53,56 @@ def add_data_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_model_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say which model is fitted, and what is known of it."""
+    group = parser.add_argument_group("model")
+    group.add_argument(
+        "--model",
+        metavar="linear|NAME|FILE.toml",
+        default="linear",
+        help="linear (default), a physical model that `sysid models` lists, or one of your own",
+    )
+    group.add_argument(
+        "--order", metavar="N", type=int, help="order of the linear model (default: chosen from the data)"
+    )
+    group.add_argument(
+        "--param",
+        metavar="NAME=VALUE",
+        action="append",
+        help="value of a parameter known within some 20 %%, from which its search starts",
+    )
+    group.add_argument("--fix", metavar="NAME=VALUE", action="append", help="known value of a parameter")
+
+
+def assigned_values(option: str, texts: Sequence[str] | None) -> dict[str, float]:
+    """Return the numbers that NAME=VALUE texts give.
+
+    Examples
+    --------
+    >>> assigned_values("--fix", ["R=1.2", "L=1e-3"])
+    {'R': 1.2, 'L': 0.001}
+    """
+    values: dict[str, float] = {}
+    for text in texts or ():
+        name, sign, number = (part.strip() for part in text.partition("="))
+        if not (name and sign):
+            raise UsageError(f"{option} {text!r} has no value: write {option} NAME=VALUE")
+        if name in values:
+            raise UsageError(f"{option} gives {name!r} twice: give it once")
+        try:
+            values[name] = float(number)
+        except ValueError:
+            raise UsageError(f"{option} {text!r}: {number!r} is no number") from None
+        if not isfinite(values[name]):
+            raise UsageError(f"{option} {text!r}: {number!r} is not finite: give a number")
+    return values
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `sysid compare`."""
     parser.formatter_class = argparse.HelpFormatter  # the defaults worth telling are in the help texts
     add_data_arguments(parser)
-    group = parser.add_argument_group("model")
-    group.add_argument("--model", default="linear", help="model to compare (default: linear)")
-    group.add_argument(
-        "--order", metavar="N", type=int, help="order of the model (default: chosen from the data)"
-    )
+    add_model_arguments(parser)
     group = parser.add_argument_group("results")
     group.add_argument(
         "--html", metavar="FILE", type=Path, help="page (default: sysid-out/<record>.compare.html)"
@@ -85,6 +128,7 @@ def read_data(arguments: argparse.Namespace) -> "Record":
         split=arguments.split_column,
         experiment=arguments.experiment_column,
         skip=arguments.skip,
+        resample=arguments.resample,
     )
 
 
@@ -92,11 +136,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Run `sysid compare`; errors of use and of data are raised as `SysidError`."""
     from threadpoolctl import threadpool_limits
 
-    from sysid.diagnosis.compare import MODELS, compare
+    from sysid.diagnosis.compare import compare
+    from sysid.diagnosis.models import resolve_model
     from sysid.progress import progress
 
-    if arguments.model not in MODELS:
-        raise UsageError(f"--model {arguments.model!r} is not known: choose one of {', '.join(MODELS)}")
+    start = assigned_values("--param", arguments.param)
+    fixed = assigned_values("--fix", arguments.fix)
+    resolve_model(arguments.model, arguments.order, start, fixed)  # before a long file is read
     page = arguments.html or DEFAULT_FOLDER / f"{_stem(arguments.data)}.compare.html"
     check_results([path for path in (page, arguments.json) if path is not None], arguments.data)
     record = read_data(arguments)
@@ -107,6 +153,8 @@ def run(arguments: argparse.Namespace) -> int:
                 record,
                 arguments.model,
                 arguments.order,
+                start=start,
+                fixed=fixed,
                 initial_state=arguments.initial_state,
                 progress=_percent_of(bar),
             )

@@ -1,26 +1,27 @@
 """Compare a model with a measured record on held-out rows."""
 
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sysid.data import Record
 from sysid.data.record import ESTIMATION_LABELS, Mask
+from sysid.diagnosis.models import LINEAR, FittedModel, fit_model, resolve_model
 from sysid.diagnosis.residuals import CorrelationTest, Window, input_independence, whiteness, worst_windows
 from sysid.diagnosis.scores import SetScore, finite, nrmse_interval, score
 from sysid.diagnosis.summary import data_json, model_json, sentences
 from sysid.diagnosis.wording import percent, significant
 from sysid.errors import UsageError
-from sysid.linear.selection import Choice, choose_output_error
-from sysid.linear.simulation import Prediction, predict
 
 if TYPE_CHECKING:
     from sysid.linear.forms import Floats
+    from sysid.linear.simulation import Prediction
+    from sysid.physics import Model
 
-MODELS = ("linear",)
 NO_NOISE_FLOOR = "not estimated: a noise floor needs repeated periods or a nonparametric model of the record"
 
 
@@ -64,8 +65,7 @@ class Comparison:
     Attributes
     ----------
     record : Record
-    choice : Choice
-        The model, and how it was chosen.
+    model : FittedModel
     prediction : Prediction
         Of the final model, over all rows.
     scores : tuple of SetScore
@@ -79,8 +79,8 @@ class Comparison:
     """
 
     record: Record
-    choice: Choice
-    prediction: Prediction
+    model: FittedModel
+    prediction: "Prediction"
     scores: tuple[SetScore, ...]
     judged: str
     tests: dict[str, CorrelationTest]
@@ -118,17 +118,22 @@ class Comparison:
 
     def __repr__(self) -> str:
         return "\n".join(
-            [f"Comparison of {self.record.name!r} with model 'linear'", *("  " + s for s in self.sentences())]
+            [
+                f"Comparison of {self.record.name!r} with model {self.model.name!r}",
+                *("  " + s for s in self.sentences()),
+            ]
         )
 
 
 def compare(
     record: Record,
-    model: str = "linear",
+    model: "str | Path | Model" = LINEAR,
     order: int | None = None,
     *,
     delay: int | None = None,
     constant: bool | None = None,
+    start: Mapping[str, float] | None = None,
+    fixed: Mapping[str, float] | None = None,
     initial_state: str = "estimate",
     progress: Callable[[int, int], None] | None = None,
 ) -> Comparison:
@@ -140,10 +145,14 @@ def compare(
     Parameters
     ----------
     record : Record
-    model : {"linear"}
+    model : str, Path or Model
+        ``"linear"``, the name of a physical model (`sysid models` lists them), a TOML file, or a model.
     order, delay : int, optional
-        Chosen from the data if not given.
+        Of the linear model; chosen from the data if not given.
     constant : bool, optional
+        Whether the linear model has one; chosen from the data if not given.
+    start, fixed : mapping of str to float, optional
+        Parameters of a physical model known within some 20 %, and those known for good.
     initial_state : {"estimate", "rest"}
     progress : callable, optional
         Called with the number of steps done and to do.
@@ -154,8 +163,8 @@ def compare(
 
     Raises
     ------
-    UsageError
-        If the model is not known or an argument is of the wrong kind.
+    UsageError, ModelError
+        If the model or a parameter is not known or an argument is of the wrong kind.
     DataError, IdentifiabilityError
         If the record cannot be fitted.
 
@@ -174,8 +183,6 @@ def compare(
     >>> comparison.score_of("test").free_run.nrmse < 0.1
     True
     """
-    if model not in MODELS:
-        raise UsageError(f"model {model!r} is not known: choose one of {', '.join(MODELS)}")
     if not isinstance(record, Record):
         raise UsageError(
             f"record is of type {type(record).__name__}: make one with sysid.data.make_record(u, y, period)"
@@ -183,11 +190,18 @@ def compare(
     order, delay = _whole("order", order), _whole("delay", delay)
     if constant is not None and not isinstance(constant, bool | np.bool_):
         raise UsageError(f"constant is {constant!r}: give True, False or None (chosen from the data)")
-    choice = choose_output_error(
-        record, order=order, delay=delay, constant=constant, initial_state=initial_state, progress=progress
+    _check_output(record)
+    fitted = fit_model(
+        record,
+        resolve_model(model, order, start, fixed),
+        order,
+        delay=delay,
+        constant=constant,
+        initial_state=initial_state,
+        progress=progress,
     )
-    prediction = predict(choice.fit, record)
-    scores = _all_scores(record, choice, prediction)
+    prediction = fitted.predict(record)
+    scores = _all_scores(record, fitted, prediction)
     judged, rows = _judged_rows(record)
     residual = record.y[rows, 0] - prediction.free_run[rows]
     tests = {"whiteness": whiteness(residual)}
@@ -195,7 +209,15 @@ def compare(
         key = "input_residual" if len(record.inputs) == 1 else f"input_residual_{name}"
         tests[key] = input_independence(record.u[rows, index], residual)
     where = _time_findings(record, judged, rows, residual)
-    return Comparison(record, choice, prediction, scores, judged, tests, where, _warnings(record, choice))
+    return Comparison(record, fitted, prediction, scores, judged, tests, where, _warnings(record, fitted))
+
+
+def _check_output(record: Record) -> None:
+    if len(record.outputs) > 1:
+        raise UsageError(
+            f"the record has {len(record.outputs)} outputs ({', '.join(record.outputs)}) and one is compared "
+            "at a time: choose it when the record is made or read, by --output on the command line"
+        )
 
 
 def _whole(name: str, value: int | None) -> int | None:
@@ -215,13 +237,13 @@ def _judged_rows(record: Record) -> tuple[str, Mask]:
     return "validation", record.validation
 
 
-def _all_scores(record: Record, choice: Choice, prediction: Prediction) -> tuple[SetScore, ...]:
+def _all_scores(record: Record, model: FittedModel, prediction: "Prediction") -> tuple[SetScore, ...]:
     label = record.estimation_label
     learned = np.isin(record.split, ESTIMATION_LABELS)
     both = "estimation and validation rows"
     scores = [_set_score(record, label, learned, prediction, 0, both)]
     if record.validation.any():
-        honest = predict(choice.accepted, record, rows=record.estimation)
+        honest = model.predict_held_out(record)
         scores.append(_set_score(record, "validation", record.validation, honest, 0, "estimation rows"))
     for name in record.test_sets:
         rows = record.scored_rows(name)
@@ -231,7 +253,7 @@ def _all_scores(record: Record, choice: Choice, prediction: Prediction) -> tuple
 
 
 def _set_score(
-    record: Record, name: str, rows: Mask, prediction: Prediction, skip: int, fitted_on: str
+    record: Record, name: str, rows: Mask, prediction: "Prediction", skip: int, fitted_on: str
 ) -> SetScore:
     places = np.flatnonzero(rows)
     y, free_run = record.y[rows, 0], prediction.free_run[rows]
@@ -288,15 +310,8 @@ def _seconds(
     return (first - origin) * record.period, (last - origin + 1) * record.period
 
 
-def _warnings(record: Record, choice: Choice) -> tuple[str, ...]:
-    found = list(record.warnings)
-    if not choice.restarts_agree:
-        found.append(
-            "Searches for the linear model from different starts ended at different errors: another model of "
-            "the same order may do better; compare other orders with --order."
-        )
-    if not choice.fit.converged:
-        found.append(f"The fit of the linear model did not converge: {choice.fit.status}.")
+def _warnings(record: Record, model: FittedModel) -> tuple[str, ...]:
+    found = [*record.warnings, *model.warnings]
     if not record.test_sets:
         found.append(
             "The record has no test rows: the validation rows, on which the structure was chosen, are judged."

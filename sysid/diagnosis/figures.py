@@ -48,7 +48,7 @@ def pictures(comparison: "Comparison") -> list[Picture]:
     ]
     if comparison.score_of(comparison.judged).n_rows >= FEWEST_TESTED_ROWS:
         drawn += [_picture(comparison, draw, 3.1) for draw in (spectrum, correlations)]
-    if len({c.order for c in comparison.choice.candidates}) > 1:
+    if len({c.order for c in comparison.model.candidates}) > 1:
         drawn.append(_picture(comparison, orders, 3.0))
     return drawn
 
@@ -253,19 +253,16 @@ def correlations(comparison: "Comparison", width: float, height: float) -> tuple
 
 def orders(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
     """Draw the validation error of every structure tried."""
-    record, choice = comparison.record, comparison.choice
+    record, candidates = comparison.record, comparison.model.candidates
     figure, axes = subplots(width=width, height=height)
-    tried = [c for c in choice.candidates if c.constant == choice.candidates[0].constant]
+    tried = [c for c in candidates if c.constant == candidates[0].constant]
     for index, delay in enumerate(sorted({c.delay for c in tried})):
         points = sorted((c.order, c.validation_rms) for c in tried if c.delay == delay)
         axes.plot(*zip(*points, strict=True), **series(index, marker=True), label=f"delay {delay}")
-    fit = choice.fit
+    details = comparison.model.details()
+    own = tuple(details[name] for name in ("delay", "constant"))
     chosen = min(
-        (
-            c
-            for c in choice.candidates
-            if (c.order, c.delay, c.constant) == (fit.order, fit.delay, fit.structure.constant)
-        ),
+        (c for c in candidates if c.order == comparison.model.order and (c.delay, c.constant) == own),
         key=lambda c: c.validation_rms,
     )
     axes.plot(
@@ -284,7 +281,7 @@ def orders(comparison: "Comparison", width: float, height: float) -> tuple[Any, 
     axes.set_xticks(sorted({c.order for c in tried}))
     axes.set_ylabel(f"validation error [{_plain(record.unit(record.outputs[0])) or '–'}]")
     _legend(axes)
-    best = min(c.validation_rms for c in choice.candidates)
+    best = min(c.validation_rms for c in candidates)
     unit = record.unit(record.outputs[0])
     reading = (
         f"The {ordinal(chosen.order)}-order model chosen has {quantity(chosen.validation_rms, unit)}; "

@@ -1,7 +1,9 @@
 """The comparison as one self-contained HTML page."""
 
 import base64
+from cmath import log
 from importlib.resources import files
+from math import isfinite, pi
 from typing import TYPE_CHECKING, Any
 
 from sysid.diagnosis.wording import percent, quantity, significant
@@ -35,10 +37,10 @@ def render(comparison: "Comparison") -> str:
         lstrip_blocks=True,
     )
     environment.filters["tied"] = _tied
-    record, fit = comparison.record, comparison.choice.fit
+    record, model = comparison.record, comparison.model
     return environment.get_template("compare.html").render(
         css=files("sysid.reporting").joinpath("page.css").read_text(encoding="utf-8"),
-        title=f"{record.name}: linear model of order {fit.order}",
+        title=f"{record.name}: {model.title}",
         sentences=comparison.sentences(),
         judged=comparison.judged,
         scores=[_score_row(entry) for entry in comparison.scores],
@@ -47,8 +49,9 @@ def render(comparison: "Comparison") -> str:
             for p in pictures(comparison)
         ],
         parameters=_parameter_rows(comparison),
-        status=fit.status,
-        poles=[_pole(pole, record.period) for pole in fit.poles],
+        equations=model.equations,
+        status=model.status,
+        poles=[_pole(pole, record.period) for pole in model.poles],
         warnings=comparison.warnings,
         provenance=_provenance(comparison),
     )
@@ -80,34 +83,37 @@ def _score_row(entry: Any) -> dict[str, str]:
 
 
 def _parameter_rows(comparison: "Comparison") -> list[dict[str, str]]:
-    numbers = comparison.to_json()["model"]["parameters"]
     return [
         {
             "name": name,
-            "value": f"{entry['value']:.6g}",
-            "error": "–" if entry["std_error"] is None else f"{entry['std_error']:.2g}",
-            "unit": entry["unit"],
+            "value": f"{entry.value:.6g}",
+            "error": _error_text(entry.std_error),
+            "unit": entry.unit,
         }
-        for name, entry in numbers.items()
+        for name, entry in comparison.model.parameters.items()
     ]
+
+
+def _error_text(std_error: float | None) -> str:
+    if std_error is None:
+        return "fixed"
+    return f"{std_error:.2g}" if isfinite(std_error) else "not determined"
 
 
 def _pole(pole: complex, period: float) -> dict[str, str]:
     """Describe a pole by what an engineer knows: time constant, or frequency and damping."""
-    import numpy as np
-
     if abs(pole) >= 1.0 - 1e-12 and abs(pole.imag) < 1e-9:
         meaning = "integrator"
     elif abs(pole) < 1e-9:
         meaning = "one sample of delay"
     else:
-        s = complex(np.log(complex(pole))) / period
+        s = log(pole) / period
         if abs(pole.imag) < 1e-12 and pole.real > 0.0:
             meaning = f"time constant {quantity(-1.0 / s.real, 's')}"
         elif abs(pole.imag) < 1e-12:
             meaning = "alternates from sample to sample"
         else:
-            meaning = f"{quantity(abs(s) / (2.0 * np.pi), 'Hz')}, damping {significant(-s.real / abs(s))}"
+            meaning = f"{quantity(abs(s) / (2.0 * pi), 'Hz')}, damping {significant(-s.real / abs(s))}"
     value = f"{pole.real:.6g}" + (
         f" {'+' if pole.imag > 0 else '−'} {abs(pole.imag):.6g}i" if abs(pole.imag) > 1e-12 else ""
     )

@@ -7,7 +7,7 @@ import numpy as np
 from sysid.data import Record
 from sysid.diagnosis.residuals import CorrelationTest
 from sysid.diagnosis.scores import Score, SetScore, finite
-from sysid.diagnosis.wording import ordinal, percent, quantity
+from sysid.diagnosis.wording import percent, quantity
 
 if TYPE_CHECKING:
     from sysid.diagnosis.compare import Comparison
@@ -18,21 +18,13 @@ FEWEST_TESTED_ROWS = 20
 
 def sentences(comparison: "Comparison") -> list[str]:
     """Return what was found, the main thing first."""
-    fit, judged = comparison.choice.fit, comparison.score_of(comparison.judged)
+    judged = comparison.score_of(comparison.judged)
     output = comparison.record.outputs[0]
-    free = judged.free_run
     window = f"{judged.n_rows} samples" + (f", skip {judged.skip}" if judged.skip else "")
-    dead_time = fit.delay * fit.period
-    acts = (
-        "the input acts at once"
-        if fit.delay == 0
-        else f"the input acts after {fit.delay} sample{'s' * (fit.delay > 1)} ({quantity(dead_time, 's')})"
-    )
     found = [
-        f"A {ordinal(fit.order)}-order linear model {_explains(free, output, comparison.judged)}; "
+        f"{comparison.model.subject} {_explains(judged.free_run, output, comparison.judged)}; "
         f"its free-run error is {error_size(judged)} ({window}).",
-        f"In the model {acts}, {'with' if fit.structure.constant else 'without'} a constant.",
-        comparison.choice.reason,
+        *comparison.model.notes,
     ]
     if judged.n_rows < FEWEST_TESTED_ROWS:
         found.append(
@@ -77,49 +69,24 @@ def _test_sentence(name: str, test: CorrelationTest, judged: str) -> str:
 
 def model_json(comparison: "Comparison") -> dict[str, Any]:
     """Return the model's part of the JSON file."""
-    choice, record = comparison.choice, comparison.record
-    fit = choice.fit
+    model = comparison.model
     return {
-        "name": "linear",
-        "order": fit.order,
-        "delay": fit.delay,
-        "direct": fit.structure.direct,
-        "constant": fit.structure.constant,
-        "initial_state": "estimate" if fit.structure.free_start else "rest",
+        "name": model.name,
+        "order": model.order,
+        "initial_state": model.initial_state,
         "parameters": {
-            name: {"value": finite(value), "std_error": finite(error), "unit": _parameter_unit(record, name)}
-            for name, (value, error) in fit.parameters().items()
-        },
-        "poles": [[float(pole.real), float(pole.imag)] for pole in fit.poles],
-        "converged": fit.converged,
-        "restarts_agree": choice.restarts_agree,
-        "status": fit.status,
-        "reason": choice.reason,
-        "candidates": [
-            {
-                "order": c.order,
-                "delay": c.delay,
-                "constant": c.constant,
-                "validation_rmse": finite(c.validation_rms),
-                "restarts_agree": c.restarts_agree,
+            name: {
+                "value": finite(p.value),
+                "std_error": None if p.std_error is None else finite(p.std_error),
+                "unit": p.unit,
             }
-            for c in choice.candidates
-        ],
+            for name, p in model.parameters.items()
+        },
+        "converged": model.converged,
+        "restarts_agree": model.restarts_agree,
+        "status": model.status,
+        **model.details(),
     }
-
-
-def _parameter_unit(record: Record, name: str) -> str:
-    """Return the unit of a coefficient: none for a, output per input for b, output for the constant."""
-    output = record.unit(record.outputs[0])
-    if name == "constant":
-        return output
-    if not name.startswith("b"):
-        return ""
-    channel = int(name.split("_")[1]) - 1 if "_" in name else 0
-    unit = record.unit(record.inputs[channel])
-    if unit == output:
-        return ""
-    return f"{output or '1'}/{unit}" if unit else output
 
 
 def data_json(record: Record) -> dict[str, Any]:

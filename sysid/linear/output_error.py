@@ -1,12 +1,13 @@
 """Output-error fit of a linear model: y = B/A u + constant, judged by its free run."""
 
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sysid.data import Record
-from sysid.data.record import Mask
+from sysid.data.record import Mask, check_record
 from sysid.errors import DataError, IdentifiabilityError, UsageError
 from sysid.linear.forms import (
     Complexes,
@@ -182,8 +183,7 @@ def fit_output_error(
     from threadpoolctl import threadpool_limits
 
     structure = _structure(order, delay, constant, initial_state)
-    chosen = record.learning if rows is None else rows
-    segments = make_segments(record, chosen)
+    segments = make_segments(check_record(record), rows)
     n_rows = sum(int(segment.used.sum()) for segment in segments)
     _check_enough(structure, segments, n_rows)
     step = FINE_STEP if precise else COARSE_STEP
@@ -191,7 +191,9 @@ def fit_output_error(
         if start is None:
             search, agree, tried = _search_all(segments, structure, extra_starts, step)
         else:
-            search = search_poles(segments, structure, reflections_from_poles(start), step)
+            search = search_poles(
+                segments, structure, reflections_from_poles(_checked_start(start, order)), step
+            )
             agree, tried = True, 1
         uncertainty = parameter_uncertainty(segments, structure, search, skip=not precise)
     a, b, constant_value = coefficients(
@@ -218,8 +220,12 @@ def fit_output_error(
     )
 
 
-def make_segments(record: Record, rows: Mask) -> tuple[Segment, ...]:
-    """Cut the experiments that hold chosen rows, each from its first row to its last chosen one."""
+def make_segments(record: Record, rows: Mask | None) -> tuple[Segment, ...]:
+    """Cut the experiments that hold chosen rows, each from its first row to its last chosen one.
+
+    Estimation and validation rows are chosen by default.
+    """
+    rows = record.learning if rows is None else _checked_rows(record, rows)
     if record.y.shape[1] != 1:
         raise UsageError(
             f"the record has {record.y.shape[1]} outputs ({', '.join(record.outputs)}): "
@@ -241,6 +247,16 @@ def make_segments(record: Record, rows: Mask) -> tuple[Segment, ...]:
     if not segments:
         raise DataError("no row is chosen for the fit: mark rows as train, est or val")
     return tuple(segments)
+
+
+def _checked_rows(record: Record, rows: Mask) -> Mask:
+    flags = np.asarray(rows)
+    if flags.dtype != np.bool_ or flags.shape != (record.n_samples,):
+        raise UsageError(
+            f"rows is an array of {flags.dtype} of shape {flags.shape}: give one True or False for each of "
+            f"the {record.n_samples} rows"
+        )
+    return flags
 
 
 def coefficients(
@@ -269,14 +285,34 @@ def parameter_names(structure: Structure, n_inputs: int) -> list[str]:
 
 
 def _structure(order: int, delay: int, constant: bool | None, initial_state: str) -> Structure:
+    order, delay = whole_number("order", order), whole_number("delay", delay)
     if not 1 <= order <= MAXIMUM_ORDER:
         raise UsageError(f"order is {order}: give a number from 1 to {MAXIMUM_ORDER}")
     if delay < 0:
         raise UsageError(f"delay is {delay} samples: give 0 (direct term), 1 or more")
     if initial_state not in INITIAL_STATES:
         raise UsageError(f"initial state is {initial_state!r}: choose estimate or rest")
+    if not (constant is None or isinstance(constant, bool | np.bool_)):
+        raise UsageError(f"constant is {constant!r}: give True, False or None")
     free = initial_state == "estimate"
     return Structure(order, delay, free if constant is None else constant, free)
+
+
+def _checked_start(poles: Complexes, order: int) -> Complexes:
+    start = np.asarray(poles, dtype=np.complex128)
+    if start.shape != (order,) or not np.isfinite(start).all():
+        raise UsageError(
+            f"start holds {start.size} poles ({start}): give {order} finite ones, one for each order"
+        )
+    return start
+
+
+def whole_number(name: str, value: int) -> int:
+    """Return a whole number; UsageError if it is none."""
+    try:
+        return operator.index(value)
+    except TypeError:
+        raise UsageError(f"{name} is {value!r}: give a whole number") from None
 
 
 def _check_enough(structure: Structure, segments: tuple[Segment, ...], n_rows: int) -> None:

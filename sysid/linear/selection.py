@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data import Record
-from sysid.data.record import Mask
+from sysid.data.record import Mask, check_record
 from sysid.errors import SysidError
 from sysid.linear.forms import Complexes, Floats
-from sysid.linear.output_error import OutputErrorFit, fit_output_error
+from sysid.linear.output_error import OutputErrorFit, fit_output_error, whole_number
 from sysid.linear.simulation import first_rows, predict, run_free
 
 LARGEST_ORDER = 8
@@ -125,6 +125,9 @@ def choose_output_error(
     >>> choice.fit.order, choice.fit.delay
     (1, 3)
     """
+    check_record(record)
+    order = None if order is None else whole_number("order", order)
+    delay = None if delay is None else whole_number("delay", delay)
     if order is not None and delay is not None and constant is not None:
         return _fixed(record, order, delay, constant, initial_state)
     orders = range(1, LARGEST_ORDER + 1) if order is None else range(order, order + 1)

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sysid.data import Record
-from sysid.data.record import Mask
-from sysid.errors import ModelError
+from sysid.data.record import Mask, check_record
+from sysid.errors import ModelError, UsageError
 from sysid.linear.forms import Floats
 from sysid.linear.kernels import polynomial_filter, state_space_filter
-from sysid.linear.reduction import Columns, Projection, Segment, Structure
+from sysid.linear.responses import responses
 
 if TYPE_CHECKING:
     from sysid.linear.output_error import OutputErrorFit
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 # window says more: so many for each state.
 ROWS_PER_STATE = 10
 FEWEST_ROWS_PER_STATE = 2
+PERIOD_TOLERANCE = 0.01
 
 
 @dataclass(frozen=True)
@@ -137,28 +138,6 @@ def simulate_state_space(
     return y
 
 
-def fitted_output(
-    segment: Segment, structure: Structure, reflections: Floats, projection: Projection, number: int
-) -> tuple[Floats, Floats]:
-    """Return the output of an experiment of the fit and the responses to its initial state."""
-    forced, starts = responses(segment.u, structure, reflections, projection.shared)
-    if structure.free_start:
-        return forced + projection.starts[number] @ starts, starts
-    return forced, starts
-
-
-def responses(u: Floats, structure: Structure, reflections: Floats, weights: Floats) -> tuple[Floats, Floats]:
-    """Return the response to input and constant, and those to the initial state, shape (order, n_rows)."""
-    n_rows = u.shape[0]
-    columns = Columns(structure, reflections, u)
-    shared = np.empty((weights.size, n_rows))
-    columns.fill_shared(0, n_rows, shared)
-    starts = np.empty((structure.order if structure.free_start else 0, n_rows))
-    if structure.free_start:
-        columns.fill_start(0, n_rows, starts)
-    return weights @ shared, starts
-
-
 def predict(fit: "OutputErrorFit", record: Record, rows: Mask | None = None) -> Prediction:
     """Predict every row of a record.
 
@@ -176,11 +155,27 @@ def predict(fit: "OutputErrorFit", record: Record, rows: Mask | None = None) -> 
     -------
     Prediction
     """
+    check_fits(check_record(record), fit.inputs, fit.outputs, fit.period)
 
     def run(part: slice, used: Mask, fitted: bool) -> Floats:
         return run_free(fit, record.u[part], record.y[part, 0], used)
 
     return predict_experiments(record, rows, fit.order, fit.uncertainty.noise, fit.structure.free_start, run)
+
+
+def check_fits(record: Record, inputs: tuple[str, ...], outputs: tuple[str, ...], period: float) -> None:
+    """Raise UsageError if a record has other channels or another period than the one of a fit."""
+    shape, wanted = (record.u.shape[1], record.y.shape[1]), (len(inputs), len(outputs))
+    if shape != wanted:
+        raise UsageError(
+            f"the record has {shape[0]} inputs and {shape[1]} outputs, the model was fitted to {wanted[0]} "
+            f"({', '.join(inputs)}) and {wanted[1]} ({', '.join(outputs)}): choose the same columns"
+        )
+    if abs(record.period - period) > PERIOD_TOLERANCE * period:
+        raise UsageError(
+            f"the record is sampled at {record.period:g} s and the model was fitted at {period:g} s: "
+            "resample the record (sysid.data.resample)"
+        )
 
 
 def predict_experiments(

@@ -7,6 +7,7 @@ import numpy as np
 from sysid.linear.forms import LARGEST_START, Floats, denominator
 from sysid.linear.kernels import polynomial_filter
 from sysid.linear.reduction import BLOCK_ROWS, Segment, Structure, solve
+from sysid.linear.responses import fitted_output
 from sysid.linear.search import Search
 from sysid.separable.factor import fold
 
@@ -100,8 +101,6 @@ def autoregression(runs: list[Floats]) -> tuple[Floats, float]:
 
 def _jacobian(segment: Segment, structure: Structure, search: Search, number: int) -> tuple[Floats, Floats]:
     """Return the derivatives by initial state, a, b, constant, one a row, and the residual."""
-    from sysid.linear.simulation import fitted_output
-
     n_rows, n_inputs = segment.u.shape
     order, delay = structure.order, structure.delay
     a = denominator(search.reflections)

@@ -34,6 +34,15 @@ from sysid.nonlinearities.memory import (
     SchmittTrigger,
 )
 from sysid.nonlinearities.pieces import AffinePieces
+from sysid.nonlinearities.segment import SEGMENT, SegmentMap, Segments
+from sysid.nonlinearities.spline import (
+    Spline,
+    absolute_power_basis,
+    equal_knots,
+    quantile_knots,
+    spline_basis,
+    supported_knots,
+)
 
 __all__ = [
     "DEAD_ZONE",
@@ -46,6 +55,7 @@ __all__ = [
     "RELAY",
     "SATURATION",
     "SCHMITT_TRIGGER",
+    "SEGMENT",
     "TWO_SIDED_DEAD_ZONE",
     "TWO_SIDED_PRELOAD",
     "TWO_SIDED_RELAY",
@@ -59,9 +69,17 @@ __all__ = [
     "OneParameterMap",
     "Play",
     "SchmittTrigger",
+    "SegmentMap",
+    "Segments",
+    "Spline",
     "StaticMap",
     "TwoSidedMap",
+    "absolute_power_basis",
+    "equal_knots",
     "nonlinearity",
+    "quantile_knots",
+    "spline_basis",
+    "supported_knots",
 ]
 
 NONLINEARITIES: Mapping[str, Nonlinearity] = MappingProxyType(

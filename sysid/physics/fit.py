@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.data import Record
-from sysid.data.record import Mask
+from sysid.data.record import Mask, check_record
 from sysid.errors import IdentifiabilityError, ModelError, UsageError
 from sysid.linear.forms import Floats
 from sysid.linear.reduction import Segment
@@ -172,8 +172,8 @@ def fit_physics(
     if initial_state not in INITIAL_STATES:
         raise UsageError(f"initial state is {initial_state!r}: choose estimate or rest")
     described = (model if isinstance(model, Model) else load_model(model)).with_parameters(start, fixed)
-    _check_channels(described, record)
-    segments = make_segments(record, record.learning if rows is None else rows)
+    _check_channels(described, check_record(record))
+    segments = make_segments(record, rows)
     problem = Problem(described, segments, record.period, initial_state == "estimate")
     _check_enough(problem)
     with threadpool_limits(1):  # blocks are small: further threads only wait for one another

@@ -188,7 +188,7 @@ def compiled_kernels(source: str) -> tuple[Simulate, Sensitivities]:
 
     from sysid._compile import compiled
 
-    path = _stored(source)
+    path = stored(source)
     # numba finds its stored code by module, name and file; the module must be one that can be imported.
     namespace: dict[str, Any] = {"__name__": __name__, "np": np}
     file = str(path) if path else f"<model {hashlib.sha256(source.encode()).hexdigest()[:16]}>"
@@ -199,7 +199,7 @@ def compiled_kernels(source: str) -> tuple[Simulate, Sensitivities]:
     return cast(Simulate, simulate), cast(Sensitivities, sensitivities)
 
 
-def _stored(source: str) -> Path | None:
+def stored(source: str) -> Path | None:
     """Store the source under its hash; None where no folder can be written."""
     place = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     try:

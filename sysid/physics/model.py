@@ -185,7 +185,7 @@ class Model:
             raise ModelError(f"parameter {min(both)!r} has a start and a fixed value: give one of them")
         for status, values in (("uncertain", start), ("fixed", fixed)):
             for name, value in (values or {}).items():
-                changed = replace(self.parameter(name), start=float(value), status=status)
+                changed = replace(self.parameter(name), start=_real(name, value), status=status)
                 try:
                     changed.check()
                 except ModelError as problem:
@@ -274,6 +274,13 @@ class Model:
 
     def __str__(self) -> str:
         return "\n".join([*(str(e) for e in self.equations), *(str(o) for o in self.outputs)])
+
+
+def _real(name: str, value: float) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise ModelError(f"parameter {name!r} is {value!r}: give a number") from None
 
 
 def _sum_text(terms: tuple[Term, ...]) -> str:

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.data import Record
-from sysid.data.record import Mask
+from sysid.data.record import Mask, check_record
 from sysid.linear.forms import Floats
 from sysid.linear.reduction import Segment
-from sysid.linear.simulation import Prediction, predict_experiments
+from sysid.linear.simulation import Prediction, check_fits, predict_experiments
 from sysid.physics.problem import Problem
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ def predict(fit: "PhysicsFit", record: Record, rows: Mask | None = None) -> Pred
     -------
     Prediction
     """
+    check_fits(check_record(record), fit.inputs, fit.outputs, fit.period)
     estimated = iter(fit.states)
 
     def run(part: slice, used: Mask, fitted: bool) -> Floats:

@@ -62,6 +62,8 @@ def load_model(name_or_file: str | Path) -> Model:
     L i' = u - R*i - K*w
     y = w
     """
+    if not isinstance(name_or_file, str | Path):
+        raise ModelError(f"model is {name_or_file!r}: give the name of a model or a .toml file")
     name = str(name_or_file)
     if name in model_names():
         return _built_in(name)

@@ -1,0 +1,42 @@
+"""Units that stand in a column's name, and times in another unit than seconds."""
+
+import re
+from collections.abc import Sequence
+
+from sysid.data.labels import Floats
+
+SECONDS = {
+    "s": 1.0,
+    "sec": 1.0,
+    "second": 1.0,
+    "seconds": 1.0,
+    "ms": 1e-3,
+    "us": 1e-6,
+    "µs": 1e-6,
+    "μs": 1e-6,
+    "ns": 1e-9,
+    "min": 60.0,
+    "h": 3600.0,
+}
+_NAMED = re.compile(r".*\S\s+\[([^\d\W][^\[\]]*|[%°][^\[\]]*)\]")
+
+
+def named_units(names: Sequence[str]) -> dict[str, str]:
+    """Return the units that stand in square brackets behind the names of columns.
+
+    Examples
+    --------
+    >>> named_units(["speed [rad/s]", "u", "x[1]"])
+    {'speed [rad/s]': 'rad/s'}
+    """
+    found = {name: _NAMED.fullmatch(name) for name in names}
+    return {name: match[1].strip() for name, match in found.items() if match}
+
+
+def in_seconds(times: Floats, name: str, unit: str, remarks: list[str]) -> Floats:
+    """Return times in seconds if their unit is known; add a remark where they were in another one."""
+    factor = SECONDS.get(unit, 1.0)
+    if factor == 1.0:
+        return times
+    remarks.append(f"The times in {name!r} are in {unit}: they were brought to seconds.")
+    return times * factor

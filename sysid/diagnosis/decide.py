@@ -1,0 +1,442 @@
+"""The decision: which effects a model lacks, on evidence that all must agree."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid.diagnosis.effects.base import Effect, Floats
+from sysid.diagnosis.evidence import ScoreScreen, block_separation, remainder, score_screen
+from sysid.diagnosis.noise import Noise, noise_of
+from sysid.diagnosis.structures import Choice, Structure, StructureFit, filtered
+
+NOISE_EFFECT = "coloured_noise"
+WHITE = np.ones(1)
+# How many candidates are fitted at all, in all their forms, and with the finest search.
+SCREENED, REFINED, POLISHED = 12, 6, 3
+# Two candidates are tied when their errors differ by less than so many standard errors.
+TIED = 2.0
+# A further effect must explain this share of what all effects explain, or it is a detail of the first.
+LEAST_SHARE = 0.01
+# Something is left when the probes find this with a chance below it, and this share of the explainable.
+LEFT_P_VALUE = 1e-3
+LEFT_SHARE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A candidate, fitted, with the evidence for it.
+
+    Attributes
+    ----------
+    name : str
+    fit : StructureFit or None
+        On the estimation rows; None if it was screened out.
+    noise : Noise
+        Colour of its residual.
+    criterion : float
+        Information criterion, its own noise model included: lower is better.
+    gain : float
+        How much lower the criterion is than that of the model without it.
+    p_value : float
+        Chance that the best of all candidates looks as good with nothing missing.
+    validation : float
+        Root mean square of the free-run error on the validation rows.
+    innovation : float
+        Root mean square of the innovations on the validation rows.
+    """
+
+    name: str
+    fit: StructureFit | None
+    noise: Noise
+    criterion: float
+    gain: float = 0.0
+    p_value: float = 1.0
+    validation: float = np.inf
+    innovation: float = np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What was decided.
+
+    Attributes
+    ----------
+    verdict : str
+    baseline : StructureFit
+        On the estimation rows.
+    fits : tuple of StructureFit
+        With one, two, ... accepted effects, on the estimation rows.
+    accepted : tuple of str
+    trials : tuple of Trial
+        All single candidates, best first.
+    tie : tuple of str
+        Candidates that cannot be told from the first accepted one.
+    noise : Noise
+        Colour of the final residual.
+    left_p_value, left_share : float
+        Whether anything is left: chance, and share of the explainable squared error.
+    floor : float
+        Root mean square of what neither the final model nor any probe explains.
+    rejected : tuple of str
+        What came closest where nothing explains.
+    given : tuple of str
+        Effects that were asked for whatever the evidence.
+    experiment : str
+        Which experiment would break a tie.
+    """
+
+    verdict: str
+    baseline: StructureFit
+    fits: tuple[StructureFit, ...]
+    accepted: tuple[str, ...]
+    trials: tuple[Trial, ...]
+    tie: tuple[str, ...]
+    noise: Noise
+    left_p_value: float
+    left_share: float
+    floor: float
+    rejected: tuple[str, ...] = ()
+    given: tuple[str, ...] = ()
+    experiment: str = ""
+
+
+class Search:
+    """The search for missing effects in one record.
+
+    Parameters
+    ----------
+    structure : Structure
+    effects : sequence of Effect
+        Candidates; those that make no sense for the structure are left out.
+    alpha : float
+        Largest chance of naming an effect where none is missing.
+    max_effects : int
+    seed : int
+    given : sequence of Effect
+        Effects that are in the model whatever the evidence.
+    """
+
+    def __init__(
+        self,
+        structure: Structure,
+        effects: Sequence[Effect],
+        *,
+        alpha: float = 0.01,
+        max_effects: int = 3,
+        seed: int = 0,
+        given: Sequence[Effect] = (),
+    ) -> None:
+        self.structure, self.alpha, self.max_effects, self.seed = structure, alpha, max_effects, seed
+        self.names = [effect.name for effect in effects]
+        self.given = structure.offered(given)
+        given_names = [effect.name for effect in self.given]
+        self.candidates = [
+            e for e in structure.offered(effects) if e.port != "noise" and e.name not in given_names
+        ]
+        self.rows, self.held_out = structure.record.estimation, structure.record.validation
+        self.y = structure.record.y[:, 0]
+
+    def decide(self) -> Decision:
+        """Name what is missing."""
+        baseline = self.structure.baseline(self.rows)
+        if not baseline.restarts_agree:
+            unknown = float("nan")
+            return Decision(
+                "not-identifiable", baseline, (), (), (), (), self._noise(baseline), 1.0, 0.0, unknown
+            )
+        fits = self._given_fits(baseline)
+        n_given = len(fits)
+        trials: tuple[Trial, ...] = ()
+        tie: tuple[str, ...] = ()
+        while len(fits) < self.max_effects + n_given:
+            current = fits[-1] if fits else baseline
+            further = len(fits) > n_given
+            found = self._round(current, further)
+            if not further:
+                trials = found
+            best = found[0] if found else None
+            if best is None or best.fit is None or not self._accepted(best, current, baseline, further):
+                break
+            if not further:
+                tie = self._tied(found)
+            grown = self._pruned(self._exchanged(best.fit, n_given), n_given) if further else best.fit
+            if len(grown.choices) <= len(current.choices) and self._criterion(grown) >= self._criterion(
+                current
+            ):
+                break
+            fits = self._rungs(grown, baseline, n_given)
+        return self._verdict(baseline, fits, trials, tie)
+
+    def _given_fits(self, baseline: StructureFit) -> list[StructureFit]:
+        fits: list[StructureFit] = []
+        for effect in self.given:
+            trial = self._fitted(fits[-1] if fits else baseline, effect, effect.forms, WHITE, 2)
+            if trial.fit is not None:
+                fits.append(trial.fit)
+        return fits
+
+    def _round(self, current: StructureFit, further: bool) -> tuple[Trial, ...]:
+        """Try every candidate beside the effects of a fit; return them best first."""
+        candidates = [e for e in self.candidates if e.name not in current.names]
+        if not candidates:
+            return ()
+        screen = self._screen(current, candidates, self._noise(current))
+        if further and screen.p_value(max(screen.statistics.values())) >= self.alpha:
+            return ()  # the residual holds no structure any more
+        ranking = sorted(candidates, key=lambda e: -screen.statistics[e.name])
+        kept, left = ranking[:SCREENED], ranking[SCREENED:]
+        trials = self._trials(current, kept, WHITE)
+        noise = trials[0].noise
+        if noise.order:
+            # The colour is that under the best candidate: what is missing colours the baseline's residual.
+            trials = self._trials(current, kept, noise.polynomial)
+            noise = trials[0].noise
+        unfitted = [Trial(effect.name, None, Noise(WHITE, 0.0, 0.0), np.inf) for effect in left]
+        return self._judged(current, [*trials, *unfitted], candidates, noise)
+
+    def _trials(self, current: StructureFit, candidates: Sequence[Effect], noise: Floats) -> list[Trial]:
+        """Fit the candidates, the better ones with more care; return them best first."""
+        found = {}
+        for effect in candidates:
+            found[effect.name] = self._fitted(current, effect, effect.forms[:1], noise, 1)
+        for effort, count in ((1, REFINED), (2, POLISHED)):
+            leaders = sorted(found.values(), key=lambda t: t.criterion)[:count]
+            for trial in leaders:
+                effect = next(e for e in candidates if e.name == trial.name)
+                forms = effect.forms[1:] if effort == 1 else effect.forms
+                other = self._fitted(current, effect, forms, noise, effort)
+                if other.criterion < trial.criterion:
+                    found[effect.name] = other
+        base = self._criterion(current)
+        trials = [replace(t, gain=base - t.criterion) for t in found.values()]
+        return sorted(trials, key=lambda t: t.criterion)
+
+    def _fitted(
+        self, current: StructureFit, effect: Effect, forms: Sequence[object], noise: Floats, effort: int
+    ) -> Trial:
+        """Fit an effect in some of its forms; return the best."""
+        best = Trial(effect.name, None, Noise(WHITE, 0.0, 0.0), np.inf)
+        for form in effect.forms:
+            if form not in forms:
+                continue
+            choices = (*current.choices, Choice(effect, form))
+            fit = self.structure.fit(choices, self.rows, noise, current, effort=effort)
+            if not np.isfinite(fit.cost):
+                continue
+            own = self._noise(fit)
+            criterion = self._criterion(fit, own)
+            if criterion < best.criterion:
+                best = Trial(effect.name, fit, own, criterion)
+        return best
+
+    def _judged(
+        self, current: StructureFit, trials: Sequence[Trial], candidates: Sequence[Effect], noise: Noise
+    ) -> tuple[Trial, ...]:
+        """Add p-values and held-out errors to the trials."""
+        screen = self._screen(current, candidates, noise)
+        base = self._cost(self._refitted(current, noise), noise)
+        found = []
+        for trial in trials:
+            if trial.fit is None:
+                p_value = screen.p_value(screen.statistics[trial.name])
+                found.append(replace(trial, p_value=p_value, gain=-np.inf))
+                continue
+            likelihood = (base - self._cost(trial.fit, noise)) / noise.variance
+            statistic = max(screen.statistics[trial.name], likelihood)
+            found.append(
+                replace(
+                    trial,
+                    p_value=screen.p_value(statistic),
+                    validation=self._held_out_error(trial.fit, WHITE),
+                    innovation=self._held_out_error(trial.fit, noise.polynomial),
+                )
+            )
+        return tuple(found)
+
+    def _screen(self, current: StructureFit, candidates: Sequence[Effect], noise: Noise) -> ScoreScreen:
+        def white(columns: Floats) -> Floats:
+            return filtered(columns, self.rows, noise.polynomial)
+
+        directions = {
+            effect.name: [white(block) for block in self.structure.directions(current, effect)]
+            for effect in candidates
+        }
+        tangent = white(self.structure.tangent(current))
+        rng = np.random.default_rng([self.seed, len(current.choices)])
+        return score_screen(white(self._residual(current)), tangent, directions, noise.variance, rng)
+
+    def _accepted(self, trial: Trial, current: StructureFit, baseline: StructureFit, further: bool) -> bool:
+        """Tell whether all evidence agrees that an effect is there."""
+        assert trial.fit is not None
+        agreed = (
+            trial.p_value < self.alpha
+            and trial.gain > 0.0
+            and trial.validation < self._held_out_error(current, WHITE)
+            and trial.innovation
+            < self._held_out_error(self._refitted(current, trial.noise), trial.noise.polynomial)
+        )
+        if not agreed or not further:
+            return agreed
+        whole = self._cost(baseline, Noise(WHITE, 0.0, 0.0)) - self._cost(trial.fit, Noise(WHITE, 0.0, 0.0))
+        step = self._cost(current, Noise(WHITE, 0.0, 0.0)) - self._cost(trial.fit, Noise(WHITE, 0.0, 0.0))
+        return step > LEAST_SHARE * whole
+
+    def _exchanged(self, fit: StructureFit, n_given: int) -> StructureFit:
+        """Try to replace each earlier effect by another: the first was chosen before the others."""
+        for position in range(n_given, len(fit.choices) - 1):
+            others = tuple(c for i, c in enumerate(fit.choices) if i != position)
+            noise = self._noise(fit).polynomial
+            without = self.structure.fit(others, self.rows, noise, fit, effort=0)
+            trials = self._trials(without, [e for e in self.candidates if e.name not in without.names], noise)
+            if trials and trials[0].fit is not None and trials[0].criterion < self._criterion(fit) - 1e-6:
+                fit = trials[0].fit
+        return fit
+
+    def _pruned(self, fit: StructureFit, n_given: int) -> StructureFit:
+        """Leave out effects that the information criterion does not want any more."""
+        while len(fit.choices) > max(n_given, 1):
+            noise = self._noise(fit).polynomial
+            smaller = [
+                self.structure.fit(
+                    tuple(c for c in fit.choices if c is not left), self.rows, noise, fit, effort=0
+                )
+                for left in fit.choices[n_given:]
+            ]
+            best = min(smaller, key=self._criterion)
+            if self._criterion(best) > self._criterion(fit):
+                break
+            fit = best
+        return fit
+
+    def _rungs(self, fit: StructureFit, baseline: StructureFit, n_given: int) -> list[StructureFit]:
+        """Return fits with one, two, ... of the effects, the one that explains most first."""
+        chosen, rest = list(fit.choices[:n_given]), list(fit.choices[n_given:])
+        rungs: list[StructureFit] = []
+        for count in range(1, n_given + 1):
+            rungs.append(self.structure.fit(chosen[:count], self.rows, WHITE, baseline, effort=1))
+        while len(rest) > 1:
+            start = rungs[-1] if rungs else baseline
+            options = [
+                self.structure.fit((*chosen, choice), self.rows, WHITE, start, effort=1) for choice in rest
+            ]
+            best = int(np.argmin([option.cost for option in options]))
+            chosen.append(rest.pop(best))
+            rungs.append(options[best])
+        return [*rungs, fit] if rest else rungs
+
+    def rungs_of(self, decision: Decision, kept: Sequence[str]) -> list[StructureFit]:
+        """Return the fits with one, two, ... of the kept effects."""
+        if not decision.fits or not kept:
+            return []
+        if len(kept) == len(decision.fits):
+            return list(decision.fits)
+        choices = [c for c in decision.fits[-1].choices if c.name in kept]
+        fits, current = [], decision.baseline
+        for count in range(1, len(choices) + 1):
+            current = self.structure.fit(choices[:count], self.rows, WHITE, current, effort=2)
+            fits.append(current)
+        return fits
+
+    def _tied(self, trials: Sequence[Trial]) -> tuple[str, ...]:
+        """Return the first candidate with those that a paired block test cannot tell from it."""
+        best = trials[0]
+        assert best.fit is not None
+        noise, rows = best.noise.polynomial, self.structure.record.learning
+        own = filtered(self._residual(best.fit), rows, noise)
+        equals = [
+            trial.name
+            for trial in trials[1:]
+            if trial.fit is not None
+            and trial.p_value < self.alpha
+            and trial.gain > 0.0
+            and block_separation(own, filtered(self._residual(trial.fit), rows, noise)) < TIED
+        ]
+        return (best.name, *equals) if equals else ()
+
+    def _verdict(
+        self,
+        baseline: StructureFit,
+        fits: Sequence[StructureFit],
+        trials: tuple[Trial, ...],
+        tie: tuple[str, ...],
+    ) -> Decision:
+        final = fits[-1] if fits else baseline
+        noise, given = self._noise(final), tuple(effect.name for effect in self.given)
+        left_p, left_share, floor = self._left(baseline, final, noise)
+        accepted = self._order(fits)
+        if left_p < LEFT_P_VALUE and left_share > LEFT_SHARE:
+            rungs = tuple(fits[: len(given)])
+            return Decision(
+                "unexplained", baseline, rungs, given, trials, (), noise, left_p, left_share, floor,
+                tuple(accepted), given,
+            )  # fmt: skip
+        if NOISE_EFFECT in self.names and noise.order and self._noise_accepted(final, noise):
+            accepted.append(NOISE_EFFECT)
+        verdict = "missing-effect" if fits else ("coloured-noise" if accepted else "nothing-missing")
+        return Decision(
+            verdict, baseline, tuple(fits), tuple(accepted), trials, tie, noise, left_p, left_share, floor,
+            (), given,
+        )  # fmt: skip
+
+    def _order(self, fits: Sequence[StructureFit]) -> list[str]:
+        """Return the accepted effects in the order of the rungs."""
+        names: list[str] = []
+        for fit in fits:
+            names += [name for name in fit.names if name not in names]
+        return names
+
+    def _left(self, baseline: StructureFit, final: StructureFit, noise: Noise) -> tuple[float, float, float]:
+        """Return whether anything is left to explain, what share of the explainable it is, and the floor."""
+        rows = self.rows
+
+        def white(columns: Floats) -> Floats:
+            return filtered(columns, rows, noise.polynomial)
+
+        found = remainder(
+            white(self._residual(final)),
+            white(self.structure.tangent(final)),
+            white(self.structure.probes(final)),
+        )
+        gained = max(self._cost(baseline, noise) - self._cost(final, noise), 0.0)
+        whole = self._cost(final, noise)
+        plain = float(np.mean(self._residual(final)[rows] ** 2))
+        floor = float(np.sqrt(plain * max(1.0 - found.explained / max(whole, 1e-300), 0.0)))
+        return found.p_value, found.explained / max(found.explained + gained, 1e-300), floor
+
+    def _noise_accepted(self, fit: StructureFit, noise: Noise) -> bool:
+        """Tell whether the residual's memory is real: on held-out rows it must lower the innovations."""
+        from scipy.special import gammaincc
+
+        p_value = float(
+            gammaincc(0.5 * noise.order, 0.5 * max(noise.gain + noise.order * np.log(self.rows.sum()), 0))
+        )
+        plain = self._held_out_error(fit, WHITE)
+        return p_value < self.alpha and noise.gain > 0 and self._held_out_error(fit, noise.polynomial) < plain
+
+    def _refitted(self, fit: StructureFit, noise: Noise) -> StructureFit:
+        if noise.order == 0:
+            return fit
+        return self.structure.fit(fit.choices, self.rows, noise.polynomial, fit, effort=0)
+
+    def _residual(self, fit: StructureFit) -> Floats:
+        with np.errstate(invalid="ignore"):
+            return np.where(np.isfinite(self.y), self.y - fit.output, 0.0)
+
+    def _noise(self, fit: StructureFit) -> Noise:
+        return noise_of(self._residual(fit), self.rows)
+
+    def _cost(self, fit: StructureFit, noise: Noise) -> float:
+        error = filtered(self._residual(fit), self.rows, noise.polynomial)
+        return float(error @ error)
+
+    def _criterion(self, fit: StructureFit, noise: Noise | None = None) -> float:
+        """Return the information criterion of a fit with its own noise model."""
+        noise, n = noise or self._noise(fit), int(self.rows.sum())
+        if not np.isfinite(noise.variance):
+            return np.inf
+        return n * np.log(max(noise.variance, 1e-300)) + (fit.n_parameters + noise.order) * np.log(n)
+
+    def _held_out_error(self, fit: StructureFit, noise: Floats) -> float:
+        error = filtered(self._residual(fit), self.held_out, noise)
+        return float(np.sqrt(np.mean(error**2))) if error.size else np.inf

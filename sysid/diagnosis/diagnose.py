@@ -1,0 +1,440 @@
+"""Learn which effect a model lacks, add it, and see the error fall."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sysid.data import Record
+from sysid.diagnosis.advice import advise
+from sysid.diagnosis.decide import NOISE_EFFECT, Decision, Search, Trial
+from sysid.diagnosis.effects.base import Effect, Floats
+from sysid.diagnosis.effects.catalogue import find_effects
+from sysid.diagnosis.scores import finite, nrmse_interval, score
+from sysid.diagnosis.structures import Choice, FittedParameter, Structure, StructureFit
+from sysid.errors import UsageError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+WHITE = np.ones(1)
+MOST_EFFECTS = 3
+ALPHA = 0.01
+# The finest search of an effect that is added by hand.
+FINE = 2
+
+
+@dataclass(frozen=True, eq=False)
+class DiagnosedModel:
+    """A model with the effects that were added to it.
+
+    Attributes
+    ----------
+    structure : Structure
+    fitted : StructureFit
+        On estimation and validation rows once `fit` was called.
+    added : tuple of Effect
+        Effects that were added and are not fitted yet.
+    """
+
+    structure: Structure
+    fitted: StructureFit
+    added: tuple[Effect, ...] = ()
+
+    def add(self, *effects: str | Effect) -> "DiagnosedModel":
+        """Return the model with further effects, to be fitted; a name that makes no sense is refused."""
+        chosen = find_effects(effects)
+        offered = {effect.name for effect in self.structure.offered(chosen)}
+        for effect in chosen:
+            if effect.name not in offered or effect.port == "noise":
+                raise UsageError(
+                    f"effect {effect.name!r} makes no sense for the model {self.structure.name!r}: "
+                    "`sysid effects` tells which models it is for"
+                )
+        return DiagnosedModel(self.structure, self.fitted, (*self.added, *chosen))
+
+    def fit(self) -> "DiagnosedModel":
+        """Return the model fitted with what was added, in the form that fits best."""
+        rows = self.structure.record.learning
+        current = self.structure.fit(self.fitted.choices, rows, WHITE, self.fitted, effort=0)
+        for effect in self.added:
+            options = [
+                self.structure.fit(
+                    (*current.choices, Choice(effect, form)), rows, WHITE, current, effort=FINE
+                )
+                for form in effect.forms
+            ]
+            n = rows.sum()
+            current = min(options, key=lambda o: n * np.log(max(o.cost, 1e-300)) + o.n_parameters * np.log(n))
+        return DiagnosedModel(self.structure, self.structure.finish(current, WHITE))
+
+    @property
+    def parameters(self) -> tuple[FittedParameter, ...]:
+        """Parameters of model and effects."""
+        return self.fitted.parameters
+
+    @property
+    def output(self) -> Floats:
+        """Free run over every row of the record, shape (n_samples,)."""
+        return self.fitted.output
+
+    def equation(self) -> str:
+        """Return the equation with its effects."""
+        return self.structure.equation(self.fitted)
+
+    def __repr__(self) -> str:
+        lines = [f"Model {self.structure.name!r} with {', '.join(self.fitted.names) or 'no effect'}"]
+        lines += [
+            f"  {p.name:12s} {p.value: .6g} ± {1.96 * p.std_error:.2g} {p.unit}" for p in self.parameters
+        ]
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True, eq=False)
+class Rung:
+    """One step of the ladder: scores of the model with the effects so far.
+
+    Attributes
+    ----------
+    step : int
+        0 is the baseline.
+    effect : str
+        What was added; empty for the baseline.
+    model : DiagnosedModel
+    scores : dict of str to dict
+        For ``validation`` and each test set ``rmse``, ``nrmse``, and the 95 % interval of ``nrmse``.
+    removed : float
+        Share of the explainable validation error (mean square above the noise floor) that this step removed.
+    """
+
+    step: int
+    effect: str
+    model: DiagnosedModel
+    scores: dict[str, dict[str, Any]]
+    removed: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the form of the JSON file."""
+        return {
+            "step": self.step,
+            "effect": self.effect or None,
+            "scores": self.scores,
+            "removed_share": finite(self.removed),
+            "parameters": parameters_json(self.model.parameters),
+            "equation": self.model.equation(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What a model lacks, with the evidence.
+
+    Attributes
+    ----------
+    record : Record
+    structure : Structure
+    decision : Decision
+    accepted : tuple of str
+        Effects that were added, best first.
+    ladder : tuple of Rung
+    noise_floor : float
+        Root mean square of what no model of the input explains, in the unit of the output.
+    advice : str
+    seconds : float
+    """
+
+    record: Record
+    structure: Structure
+    decision: Decision
+    accepted: tuple[str, ...]
+    ladder: tuple[Rung, ...]
+    noise_floor: float
+    advice: str
+    seconds: float
+
+    @property
+    def verdict(self) -> str:
+        """What was found, one of the five words of the JSON file."""
+        return self.decision.verdict
+
+    @property
+    def baseline(self) -> DiagnosedModel:
+        """The model without effects."""
+        return self.ladder[0].model
+
+    @property
+    def final(self) -> DiagnosedModel:
+        """The model with all accepted effects."""
+        return self.ladder[-1].model
+
+    def add(self, *effects: str | Effect) -> DiagnosedModel:
+        """Return the final model with further effects, to be fitted by ``.fit()``."""
+        return self.final.add(*effects)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what the JSON file holds: plain values, no NaN."""
+        from sysid import __version__
+
+        record = self.record
+        spread = float(np.std(record.y[record.learning, 0])) or 1.0
+        return {
+            "schema": 1,
+            "verdict": self.verdict,
+            "accepted": list(self.accepted),
+            "ranked": [self._ranked(trial) for trial in self.decision.trials],
+            "tie": list(self.decision.tie),
+            "ladder": [rung.to_json() for rung in self.ladder],
+            "noise_floor": {
+                "rmse": finite(self.noise_floor),
+                "nrmse": finite(self.noise_floor / spread),
+                "method": "what neither the final model nor any probe of it explains",
+            },
+            "where": [],
+            "advice": self.advice,
+            "left": {
+                "p_value": finite(self.decision.left_p_value),
+                "share": finite(self.decision.left_share),
+                "rejected": list(self.decision.rejected),
+            },
+            "sentences": self.sentences(),
+            "seconds": self.seconds,
+            "versions": {"sysid": __version__, "numpy": np.__version__},
+        }
+
+    def _ranked(self, trial: Trial) -> dict[str, Any]:
+        y = self.record.y[self.record.validation, 0]
+        spread = float(np.std(y)) or 1.0
+        fitted = None if trial.fit is None else self.structure.finish(trial.fit, trial.noise.polynomial)
+        return {
+            "effect": trial.name,
+            "p_value": finite(trial.p_value),
+            "delta_bic": finite(trial.gain),
+            "nrmse_validation": finite(trial.validation / spread),
+            "parameters": {} if fitted is None else parameters_json(fitted.parameters_of(trial.name)),
+        }
+
+    def sentences(self) -> list[str]:
+        """Say what was found, the main thing first."""
+        from sysid.diagnosis.report_words import sentences
+
+        return sentences(self)
+
+    def predictions(self) -> dict[str, Floats]:
+        """Return the columns of the predictions file: measured, baseline, final, one value a row."""
+        return {
+            "measured": self.record.y[:, 0],
+            "baseline": self.baseline.output,
+            "final": self.final.output,
+        }
+
+    def write_predictions(self, path: "Path") -> None:
+        """Write the predictions as CSV: k, measured, baseline, final."""
+        from sysid.diagnosis.command import write_text
+
+        columns = list(self.predictions().values())
+        rows = ["k,measured,baseline,final"]
+        for k, values in enumerate(zip(*(column.tolist() for column in columns), strict=True)):
+            rows.append(",".join([str(k), *("" if value != value else repr(value) for value in values)]))
+        write_text(path, "\n".join(rows) + "\n")
+
+    def __repr__(self) -> str:
+        return "\n".join(
+            [f"Diagnosis of {self.record.name!r}: {self.verdict}", *("  " + s for s in self.sentences())]
+        )
+
+
+def diagnose(
+    record: Record,
+    model: Any = "linear",
+    order: int | None = None,
+    *,
+    initial_state: str = "estimate",
+    effects: Sequence[str | Effect] | None = None,
+    max_effects: int = MOST_EFFECTS,
+    alpha: float = ALPHA,
+    accept: Callable[[str], bool] | str = "auto",
+    add: Sequence[str | Effect] = (),
+    start: Mapping[str, float] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    seed: int = 0,
+) -> Diagnosis:
+    """Learn which physical effect a model lacks, and add it.
+
+    Candidates are fitted on estimation rows and must hold on validation rows; the accepted model is
+    refitted on both, and only then run over the test rows.
+
+    Parameters
+    ----------
+    record : Record
+        With one output.
+    model : str, Model or Structure
+        ``"linear"``, the name of a physical model, a TOML file, or a model.
+    order : int, optional
+        Of the linear model; chosen by the validation error if not given.
+    initial_state : {"estimate", "rest"}
+    effects : sequence of str or Effect, optional
+        Candidates; the whole catalogue by default.
+    max_effects : int
+        Most effects to be added.
+    alpha : float
+        Chance of naming an effect where none is missing.
+    accept : {"auto", "none"} or callable
+        Whether what was found is added; a callable is asked with each name.
+    add : sequence of str or Effect
+        Effects that are added whatever the evidence.
+    start, fixed : mapping of str to float, optional
+        Uncertain and known values of a physical model's parameters.
+    seed : int
+        Of the simulated null distribution.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    UsageError, ModelError
+        If an argument makes no sense.
+    DataError, IdentifiabilityError
+        If the record cannot be fitted.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sysid.data import make_record
+    >>> rng = np.random.default_rng(1)
+    >>> u, y = rng.uniform(-1, 1, 800), np.zeros(800)
+    >>> for k in range(1, 800):
+    ...     y[k] = 0.7 * y[k - 1] + np.clip(u[k - 1], -0.5, 0.5)
+    >>> y += 0.02 * rng.standard_normal(800)
+    >>> found = diagnose(make_record(u, y, period=0.1), order=1, effects=["in_saturation", "in_deadzone"])
+    >>> found.verdict, found.accepted
+    ('missing-effect', ('in_saturation',))
+    >>> round(found.final.fitted.parameters_of("in_saturation")[0].value, 1)
+    0.5
+    """
+    begun = time.perf_counter()
+    _check(record, max_effects, alpha, accept)
+    structure = structure_of(record, model, order, initial_state, start, fixed)
+    candidates = find_effects(effects if effects is not None else [e.name for e in _catalogue()])
+    search = Search(
+        structure, candidates, alpha=alpha, max_effects=max_effects, seed=seed, given=find_effects(add)
+    )
+    decision = search.decide()
+    kept = _kept(decision, accept)
+    ladder, floor = _ladder(search, decision, kept)
+    noise = NOISE_EFFECT in decision.accepted and accept != "none"
+    accepted = (*kept, *([NOISE_EFFECT] if noise else []))
+    advice = advise(structure, decision, accepted)
+    return Diagnosis(
+        record, structure, decision, accepted, ladder, floor, advice, time.perf_counter() - begun
+    )
+
+
+def structure_of(
+    record: Record,
+    model: Any,
+    order: int | None,
+    initial_state: str,
+    start: Mapping[str, float] | None = None,
+    fixed: Mapping[str, float] | None = None,
+) -> Structure:
+    """Return the structure of a model for a record."""
+    if model == "linear":
+        from sysid.diagnosis.linear_structure import LinearStructure
+
+        if start or fixed:
+            name = next(iter({**(start or {}), **(fixed or {})}))
+            raise UsageError(
+                f"the linear model has no parameter {name!r}: give a physical model with --model"
+            )
+        return LinearStructure(record, order, initial_state=initial_state)
+    if hasattr(model, "offered"):
+        checked: Structure = model
+        return checked
+    from sysid.diagnosis.physics_structure import PhysicsStructure
+    from sysid.physics import load_model
+    from sysid.physics.model import Model
+
+    if order is not None:
+        raise UsageError("--order is for the linear model: a physical model has its own")
+    loaded = model if isinstance(model, Model) else load_model(model)
+    return PhysicsStructure(record, loaded.with_parameters(start, fixed), initial_state)
+
+
+def _catalogue() -> tuple[Effect, ...]:
+    from sysid.diagnosis.effects.catalogue import catalogue
+
+    return catalogue()
+
+
+def _check(record: Record, max_effects: int, alpha: float, accept: Any) -> None:
+    if not isinstance(record, Record):
+        raise UsageError(f"record is of type {type(record).__name__}: make one with sysid.data.make_record")
+    if max_effects < 0:
+        raise UsageError(f"max_effects is {max_effects}: give 0 or more")
+    if not 0.0 < alpha < 1.0:
+        raise UsageError(f"alpha is {alpha:g}: give a chance between 0 and 1")
+    if not callable(accept) and accept not in ("auto", "none"):
+        raise UsageError(f"accept is {accept!r}: choose auto or none")
+
+
+def _kept(decision: Decision, accept: Callable[[str], bool] | str) -> tuple[str, ...]:
+    """Return the effects that are added, in the order in which they were found."""
+    names = [name for name in decision.accepted if name != NOISE_EFFECT]
+    given = set(decision.given)
+    if callable(accept):
+        return tuple(name for name in names if name in given or accept(name))
+    return tuple(names) if accept == "auto" else tuple(name for name in names if name in given)
+
+
+def _ladder(search: Search, decision: Decision, kept: Sequence[str]) -> tuple[tuple[Rung, ...], float]:
+    """Refit each rung on estimation and validation rows, score it on validation and test rows."""
+    structure, record = search.structure, search.structure.record
+    noise = decision.noise.polynomial
+    estimates = [decision.baseline, *search.rungs_of(decision, kept)]
+    finals = [
+        structure.finish(structure.fit(fit.choices, record.learning, noise, fit, effort=0), noise)
+        for fit in estimates
+    ]
+    floor = decision.floor
+    y = record.y[record.validation, 0]
+    errors = [float(np.mean((y - fit.output[record.validation]) ** 2)) for fit in estimates]
+    explainable = max(errors[0] - floor**2, 1e-300)
+    rungs = []
+    for step, (estimate, final) in enumerate(zip(estimates, finals, strict=True)):
+        scores = {"validation": _score(record, record.validation, estimate.output)}
+        for name in record.test_sets:
+            rows = record.scored_rows(name)
+            if rows.any():
+                scores[name] = _score(record, rows, final.output)
+        effect = "" if step == 0 else kept[step - 1]
+        removed = 0.0 if step == 0 else (errors[step - 1] - errors[step]) / explainable
+        rungs.append(Rung(step, effect, DiagnosedModel(structure, final), scores, removed))
+    return tuple(rungs), floor
+
+
+def _score(record: Record, rows: Any, output: Floats) -> dict[str, Any]:
+    y = record.y[rows, 0]
+    if not np.isfinite(output[rows]).all():
+        return {"rmse": None, "nrmse": None, "interval": [None, None]}
+    found, interval = score(y, output[rows]), nrmse_interval(y, output[rows])
+    return {
+        "rmse": finite(found.rmse),
+        "nrmse": finite(found.nrmse),
+        "interval": [finite(bound) for bound in interval],
+    }
+
+
+def parameters_json(parameters: Sequence[FittedParameter]) -> dict[str, dict[str, Any]]:
+    """Return parameters as the JSON file holds them."""
+    return {
+        (f"{p.owner}.{p.name}" if any(q.name == p.name and q is not p for q in parameters) else p.name): {
+            "value": finite(p.value),
+            "std_error": finite(p.std_error),
+            "unit": p.unit,
+        }
+        for p in parameters
+    }

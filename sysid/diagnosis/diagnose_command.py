@@ -1,0 +1,163 @@
+"""The command `sysid diagnose`."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sysid.diagnosis.command import (
+    add_data_arguments,
+    add_model_arguments,
+    assigned_values,
+    check_results,
+    read_data,
+    to_json_text,
+    write_text,
+)
+from sysid.errors import UsageError
+
+if TYPE_CHECKING:
+    from sysid.diagnosis.diagnose import Diagnosis
+    from sysid.diagnosis.effects import Effect
+
+HELP = "learn which physical effect a model lacks, and add it"
+DESCRIPTION = (
+    "Fit a model on the estimation rows of a measurement file, name the physical effect it lacks, add it where "
+    "all evidence agrees, and show the free-run error fall."
+)
+EXAMPLE = "sysid diagnose motor.csv --model dc-motor --period 0.01 --split-column set --json motor.json"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `sysid diagnose`."""
+    parser.formatter_class = argparse.HelpFormatter
+    add_data_arguments(parser)
+    add_model_arguments(parser)
+    group = parser.add_argument_group("effects")
+    group.add_argument("--effects", metavar="A,B,C", help="candidates (default: all of `sysid effects`)")
+    group.add_argument("--effects-file", metavar="TOML", type=Path, help="file with effects of your own")
+    group.add_argument("--add", metavar="NAME", action="append", help="add this effect whatever the evidence")
+    group.add_argument(
+        "--max-effects", metavar="K", type=int, default=3, help="most effects to be added (default: 3)"
+    )
+    group.add_argument(
+        "--alpha",
+        metavar="P",
+        type=float,
+        default=0.01,
+        help="chance of naming an effect where none is missing (default: 0.01)",
+    )
+    group.add_argument(
+        "--accept",
+        choices=("auto", "ask", "none"),
+        default="auto",
+        help="add what was found, ask first, or only report it (default: auto)",
+    )
+    group.add_argument("--seed", metavar="S", type=int, default=0, help="seed (default: 0)")
+    group.add_argument(
+        "--jobs", metavar="J", type=int, default=1, help="most processors to use; the answer is the same"
+    )
+    group = parser.add_argument_group("results")
+    group.add_argument("--json", metavar="FILE", type=Path, help="numbers for other programs")
+    group.add_argument("--predictions", metavar="FILE", type=Path, help="CSV: k, measured, baseline, final")
+    group.add_argument("--html", metavar="FILE", type=Path, help="page")
+    group.add_argument("--pdf", metavar="FILE", type=Path, help="page as PDF")
+    group.add_argument("--save", metavar="FILE", type=Path, help="final model as JSON, TOML or .py function")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run `sysid diagnose`; errors of use and of data are raised as `SysidError`."""
+    from threadpoolctl import threadpool_limits
+
+    from sysid.diagnosis.diagnose import diagnose
+
+    _check(arguments)
+    results = [arguments.json, arguments.predictions, arguments.html, arguments.pdf, arguments.save]
+    check_results([path for path in results if path is not None], arguments.data)
+    candidates = _candidates(arguments)
+    start = assigned_values("--param", arguments.param)
+    fixed = assigned_values("--fix", arguments.fix)
+    model = _model(arguments, start, fixed)
+    record = read_data(arguments)
+    with threadpool_limits(1):  # all products are of one long row: a second thread would only wait
+        diagnosis = diagnose(
+            record,
+            model,
+            arguments.order,
+            initial_state=arguments.initial_state,
+            effects=candidates,
+            max_effects=arguments.max_effects,
+            alpha=arguments.alpha,
+            accept=_ask if arguments.accept == "ask" else arguments.accept,
+            add=_added(arguments, candidates),
+            start=start,
+            fixed=fixed,
+            seed=arguments.seed,
+        )
+        _write(diagnosis, arguments)
+    for sentence in diagnosis.sentences():
+        print(sentence)
+    return 0
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    if arguments.jobs < 1:
+        raise UsageError(f"--jobs is {arguments.jobs}: give 1 or more")
+    if arguments.max_effects < 0:
+        raise UsageError(f"--max-effects is {arguments.max_effects}: give 0 or more")
+    if not 0.0 < arguments.alpha < 1.0:
+        raise UsageError(f"--alpha is {arguments.alpha:g}: give a chance between 0 and 1")
+    if arguments.seed < 0:
+        raise UsageError(f"--seed is {arguments.seed}: give 0 or more")
+
+
+def _candidates(arguments: argparse.Namespace) -> "tuple[Effect, ...]":
+    from sysid.diagnosis.effects import catalogue, find_effects, read_effects
+    from sysid.diagnosis.effects.catalogue import checked
+
+    known = catalogue()
+    if arguments.effects_file is not None:
+        known = checked([*known, *read_effects(arguments.effects_file)])
+    if arguments.effects is None:
+        return known
+    names = [name.strip() for name in arguments.effects.split(",") if name.strip()]
+    if not names:
+        raise UsageError("--effects names no effect: give names separated by commas")
+    return find_effects(names, known)
+
+
+def _added(arguments: argparse.Namespace, candidates: "tuple[Effect, ...]") -> "list[str | Effect]":
+    known = {effect.name: effect for effect in candidates}
+    return [known.get(name, name) for name in arguments.add or ()]
+
+
+def _model(arguments: argparse.Namespace, start: dict[str, float], fixed: dict[str, float]) -> Any:
+    from sysid.diagnosis.models import resolve_model
+
+    resolve_model(arguments.model, arguments.order, start, fixed)  # before a long file is read
+    return arguments.model
+
+
+def _ask(name: str) -> bool:
+    """Ask on the terminal; no answer means no."""
+    print(f"Add {name}? [y/N] ", end="", flush=True)
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+
+def _write(diagnosis: "Diagnosis", arguments: argparse.Namespace) -> None:
+    if arguments.json is not None:
+        write_text(arguments.json, to_json_text(diagnosis.to_json()))
+    if arguments.predictions is not None:
+        diagnosis.write_predictions(arguments.predictions)
+    if arguments.html is not None:
+        from sysid.diagnosis.diagnose_page import to_html
+
+        write_text(arguments.html, to_html(diagnosis))
+    if arguments.pdf is not None:
+        from sysid.diagnosis.diagnose_page import to_pdf
+
+        to_pdf(diagnosis, arguments.pdf)
+    if arguments.save is not None:
+        from sysid.diagnosis.export import save
+
+        save(diagnosis.final, arguments.save)

@@ -1,0 +1,230 @@
+"""What an effect is: a mechanism, where it enters, its forms and their parameters."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.errors import ModelError
+
+Floats = NDArray[np.float64]
+# A map takes a whole sequence of one experiment, the parameters and the sampling period [s].
+Map = Callable[[Floats, Floats, float], Floats]
+
+PORTS = ("input", "output", "force", "gain", "flow", "parallel", "noise")
+FAMILIES = ("linear", "physics")
+SLOPES = ("pointwise", "linear", "identity")
+SCALES = (
+    "input quantile",
+    "input deviation",
+    "input rise",
+    "output quantile",
+    "output deviation",
+    "speed deviation",
+    "period",
+    "rate",
+    "duration",
+    "plain",
+)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Values at which a shape parameter is tried first, relative to what was measured.
+
+    Attributes
+    ----------
+    scale : str
+        ``"input quantile"``, ``"output quantile"``: points are quantiles of the absolute value;
+        ``"input deviation"``, ``"output deviation"``, ``"speed deviation"``: multiples of the standard
+        deviation (speed is the output's first difference); ``"input rise"``: quantiles of the input's
+        absolute change per second; ``"period"``: multiples of the sampling period; ``"rate"``: radians
+        per sampling period; ``"duration"``: share of the time that was measured; ``"plain"``: as given.
+    points : tuple of float
+        In rising order.
+    """
+
+    scale: str
+    points: tuple[float, ...]
+
+    def values(self, u: Floats, y: Floats, period: float) -> Floats:
+        """Return the values for a measured input and output, shape (n_points,).
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> Grid("input quantile", (0.5, 1.0)).values(np.array([-2.0, 0.0, 1.0]), np.zeros(3), 0.1)
+        array([1., 2.])
+        """
+        points = np.array(self.points)
+        kind = self.scale.split()[-1]
+        signal = u if self.scale.startswith("input") else y[np.isfinite(y)]
+        if kind == "quantile":
+            return np.asarray(np.quantile(np.abs(signal), points))
+        if kind == "rise":
+            return np.asarray(np.quantile(np.abs(np.diff(signal)), points) / period)
+        if kind == "deviation":
+            moved = np.diff(signal) if self.scale.startswith("speed") else signal
+            return points * (float(np.std(moved)) or 1.0)
+        factors = {"period": period, "rate": 1.0 / period, "duration": period * u.size, "plain": 1.0}
+        return points * factors[self.scale]
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """A parameter of an effect.
+
+    Attributes
+    ----------
+    name : str
+    unit : str
+        A rule: ``[u]``, ``[y]``, ``[F]`` (force), ``[x]`` (position), ``[v]`` (speed) stand for the units of
+        the model, the rest is literal, for example ``[F]/[v]^2``.
+    meaning : str
+    grid : Grid or None
+        Where a shape parameter is tried first.  Without one the parameter is a strength: the effect
+        vanishes where it is zero, and its fit starts there.
+    minimum, maximum : float
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    grid: Grid | None = None
+    minimum: float = -np.inf
+    maximum: float = np.inf
+
+    @property
+    def is_strength(self) -> bool:
+        """Whether the effect vanishes at zero."""
+        return self.grid is None
+
+    def unit_with(self, units: dict[str, str]) -> str:
+        """Return the unit with the model's units put in.
+
+        Examples
+        --------
+        >>> EffectParameter("c", "[F]/[v]^2", "drag").unit_with({"F": "N", "v": "m/s"})
+        'N/(m/s)^2'
+        """
+        text = self.unit
+        for symbol, unit in units.items():
+            wrapped = f"({unit})" if any(sign in unit for sign in " /*^") and text != f"[{symbol}]" else unit
+            text = text.replace(f"[{symbol}]", wrapped or "1")
+        return "" if text == "1" else text
+
+
+@dataclass(frozen=True)
+class Form:
+    """One way an effect is written: symmetric or two-sided, ramp or step.
+
+    Exactly one of ``apply`` and ``expression`` says what it does, none for noise and for flows that the
+    model's family knows by name.
+
+    Attributes
+    ----------
+    name : str
+    parameters : tuple of EffectParameter
+    apply : callable, optional
+        ``apply(sequence, parameters, period)`` on the whole sequence of one experiment; at port
+        ``"input"`` and ``"output"`` it returns the changed sequence, at ``"parallel"`` what the input adds
+        to the output.
+    expression : str
+        Port ``"force"``: the force that opposes the input, in position ``x``, speed ``v``, the parameters and
+        ``z``; port ``"gain"``: the factor of the input, in the output ``y`` and the parameters.  Grammar
+        of `sysid.physics`.
+    state : str
+        Rate of an internal state ``z`` of a force, in the same names; empty without one.
+    slope : {"pointwise", "linear", "identity"}
+        How an output map passes a small change on: by its slope at each sample, as a linear map, or
+        unchanged.
+    smooth : bool
+        Whether the output changes smoothly with the shape parameters.
+    """
+
+    name: str
+    parameters: tuple[EffectParameter, ...]
+    apply: Map | None = None
+    expression: str = ""
+    state: str = ""
+    slope: str = "pointwise"
+    smooth: bool = True
+
+    @property
+    def shapes(self) -> tuple[int, ...]:
+        """Positions of the shape parameters."""
+        return tuple(i for i, p in enumerate(self.parameters) if not p.is_strength)
+
+    def starts(self, u: Floats, y: Floats, period: float) -> list[Floats]:
+        """Return the values of each shape parameter to be tried first, one array a parameter."""
+        return [
+            np.unique(np.clip(p.grid.values(u, y, period), p.minimum, p.maximum))
+            for p in self.parameters
+            if p.grid is not None
+        ]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A physical effect a model may lack.
+
+    Attributes
+    ----------
+    name : str
+    port : str
+        Where it enters: ``"input"``, ``"output"``, ``"force"``, ``"gain"`` (of the input), ``"flow"``,
+        ``"parallel"`` (from input to output beside the model) or ``"noise"``.
+    mechanism, equation, signature, look_alikes, reference : str
+        For an engineer: what happens, as a formula, what to look for, how to tell it from others, where
+        to read more.
+    forms : tuple of Form
+        The simplest first.
+    families : tuple of str
+        Kinds of models it makes sense for: ``"linear"``, ``"physics"``.
+    dry : bool
+        Whether a force jumps with the direction of motion, so that the body can stick.
+    """
+
+    name: str
+    port: str
+    mechanism: str
+    equation: str
+    signature: str
+    look_alikes: str
+    reference: str
+    forms: tuple[Form, ...]
+    families: tuple[str, ...] = FAMILIES
+    dry: bool = False
+
+    def form(self, name: str) -> Form:
+        """Return a form by its name."""
+        for form in self.forms:
+            if form.name == name:
+                return form
+        names = ", ".join(form.name for form in self.forms)
+        raise ModelError(f"effect {self.name!r} has no form {name!r}: choose one of {names}")
+
+    def check(self) -> None:
+        """Raise ModelError unless the effect can be used."""
+        if not self.name.isidentifier():
+            raise ModelError(f"effect {self.name!r}: the name must be letters, digits and underscores")
+        _known(self.name, "port", [self.port], PORTS)
+        _known(self.name, "family", self.families, FAMILIES)
+        if not self.forms:
+            raise ModelError(f"effect {self.name!r} has no form: give at least one")
+        for form in self.forms:
+            _known(self.name, "slope", [form.slope], SLOPES)
+            _known(self.name, "scale", [p.grid.scale for p in form.parameters if p.grid], SCALES)
+            if self.port in ("input", "output", "parallel") and form.apply is None:
+                raise ModelError(f"effect {self.name!r}, form {form.name!r}: give apply(sequence, p, period)")
+            if self.port in ("force", "gain") and not form.expression:
+                raise ModelError(f"effect {self.name!r}, form {form.name!r}: give an expression")
+
+
+def _known(effect: str, what: str, given: Sequence[str], known: Sequence[str]) -> None:
+    for value in given:
+        if value not in known:
+            raise ModelError(
+                f"effect {effect!r}: {what} {value!r} is not known: choose one of {', '.join(known)}"
+            )

@@ -1,0 +1,125 @@
+"""Laws given as expressions: forces, gains and pointwise maps, compiled.
+
+The source is made from the checked tree of the expression alone, as for the equations of a physical
+model, and kept where numba can keep the compiled code beside it.
+"""
+
+import hashlib
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from sysid.diagnosis.effects.base import Effect, Floats, Form, Map
+
+# A drive gives the input that acts, from the input, position (or output), speed and parameters.
+Drive = Callable[[float, float, float, Floats], float]
+_LIBRARY = "import numpy as np\n\n\n"
+
+
+def drive_of(effect: Effect, form: Form) -> Drive:
+    """Return the compiled drive of a force or gain: ``drive(u, x, v, parameters)``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sysid.diagnosis.effects import find_effects
+    >>> (drag,) = find_effects(["quad_drag"])
+    >>> drive_of(drag, drag.forms[0])(1.0, 0.0, -2.0, np.array([0.5]))
+    3.0
+    """
+    names = tuple(parameter.name for parameter in form.parameters)
+    return _drive(effect.port, form.expression, names)
+
+
+@lru_cache(maxsize=256)
+def pointer_of(drive: Drive) -> Any:
+    """Return a drive as kernels take it: by its address, looked up once."""
+    from numba.experimental.function_type import _get_wrapper_address
+    from numba.types import WrapperAddressProtocol
+
+    signature = drive_signature()
+    address = _get_wrapper_address(drive, signature)
+
+    class Pointer(WrapperAddressProtocol):  # type: ignore[misc]
+        """The address of a compiled drive, which it keeps alive."""
+
+        law = drive
+
+        def __wrapper_address__(self) -> int:
+            return int(address)
+
+        def signature(self) -> Any:
+            return signature
+
+    return Pointer()
+
+
+@lru_cache(maxsize=256)
+def _drive(port: str, expression: str, names: tuple[str, ...]) -> Drive:
+    text = _source(expression, {"x": "x", "y": "x", "v": "v"}, names)
+    change = f"u - {text}" if port == "force" else f"u * {text}"
+    source = f"{_LIBRARY}def law(u, x, v, p):\n    return {change}\n"
+    return _compiled(source, drive_signature())
+
+
+@lru_cache(maxsize=1)
+def no_drive() -> Drive:
+    """Return the drive that leaves the input as it is."""
+    return _compiled(f"{_LIBRARY}def law(u, x, v, p):\n    return u\n", drive_signature())
+
+
+@lru_cache(maxsize=1)
+def drive_signature() -> Any:
+    """Return numba's type of a drive."""
+    from numba import types
+
+    number = types.float64
+    return number(number, number, number, types.Array(number, 1, "C"))
+
+
+def pointwise(expression: str, variables: Sequence[str], names: Sequence[str]) -> Map:
+    """Return a map that puts each sample through an expression in it and the parameters.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> pointwise("s + c*s**3", ("s",), ("c",))(np.array([1.0, 2.0]), np.array([0.5]), 1.0)
+    array([1.5, 6. ])
+    """
+    (variable,) = variables
+    text = _source(expression, {variable: "s"}, tuple(names))
+    source = (
+        f"{_LIBRARY}def law(sequence, p):\n    out = np.empty_like(sequence)\n"
+        "    for k in range(sequence.size):\n        s = sequence[k]\n"
+        f"        out[k] = {text}\n    return out\n"
+    )
+
+    def apply(sequence: Floats, p: Floats, period: float) -> Floats:
+        return np.asarray(_compiled(source, None)(sequence, p))
+
+    return apply
+
+
+def _source(expression: str, variables: dict[str, str], names: Sequence[str]) -> str:
+    from sysid.physics.expressions import code
+    from sysid.physics.grammar import parse
+
+    inside = variables | {name: f"p[{i}]" for i, name in enumerate(names)}
+    return code(parse(expression, set(inside)), inside)
+
+
+@lru_cache(maxsize=256)
+def _compiled(source: str, signature: Any) -> Any:
+    import numba
+
+    from sysid.physics.generator import stored
+
+    path = stored(source)
+    # numba finds its stored code by module, name and file; the module must be one that can be imported.
+    namespace: dict[str, Any] = {"__name__": __name__, "np": np}
+    file = str(path) if path else f"<law {hashlib.sha256(source.encode()).hexdigest()[:16]}>"
+    exec(compile(source, file, "exec"), namespace)
+    compiler: Any = numba.njit(signature, cache=path is not None, nogil=True)
+    return compiler(namespace["law"])

@@ -1,0 +1,156 @@
+"""Statistics of the decision: is an effect there, is anything left, can two be told apart."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.diagnosis.effects.base import Floats
+
+REPLICATES = 1999
+# Directions that the others already span to this share are left out.
+DEPENDENT = 1e-7
+BLOCKS = 24
+
+
+@dataclass(frozen=True, eq=False)
+class ScoreScreen:
+    """Score statistics of all candidates, and the distribution of the largest when nothing is missing.
+
+    Attributes
+    ----------
+    statistics : dict of str to float
+        Largest score of each effect over its grid, in units of the noise variance.
+    null : ndarray, shape (n_replicates,)
+        Largest score over all effects and grids in simulated records with nothing missing, sorted.
+    """
+
+    statistics: dict[str, float]
+    null: Floats
+
+    def p_value(self, statistic: float) -> float:
+        """Return the chance that the largest of all scores is as large without anything missing."""
+        larger = self.null.size - int(np.searchsorted(self.null, statistic))
+        return (1 + larger) / (1 + self.null.size)
+
+
+def score_screen(
+    residual: Floats,
+    tangent: Floats,
+    directions: dict[str, list[Floats]],
+    variance: float,
+    rng: np.random.Generator,
+) -> ScoreScreen:
+    """Compute the scores of all effects, what the model's own parameters can follow projected out.
+
+    The strength of a candidate is zero and its other parameters mean nothing when nothing is missing,
+    so no table holds the distribution of the largest score: it is simulated.  All scores are
+    squares of projections of one white vector, so only its components in the span of all
+    directions need be drawn.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n_rows,)
+        Whitened.
+    tangent : ndarray, shape (n_rows, n_parameters)
+        Whitened derivative by the model's own parameters.
+    directions : dict of str to list of ndarray, shape (n_rows, n_columns)
+        Whitened directions of each effect, one array for each point of its grid.
+    variance : float
+        Of the noise.
+    rng : Generator
+
+    References
+    ----------
+    Hansen (1996), Inference when a nuisance parameter is not identified under the null hypothesis,
+    Econometrica 64.
+    """
+    Q = orthonormal(tangent)
+    names, bases = [], []
+    for name, blocks in directions.items():
+        for block in blocks:
+            basis = orthonormal(block, Q)
+            if basis.shape[1]:
+                names.append(name)
+                bases.append(basis)
+    statistics = dict.fromkeys(directions, 0.0)
+    if not bases:
+        return ScoreScreen(statistics, np.zeros(1))
+    stacked = np.hstack(bases)
+    edges = np.cumsum([0, *(basis.shape[1] for basis in bases)])[:-1]
+    scores = np.add.reduceat((stacked.T @ residual) ** 2, edges) / variance
+    for name, value in zip(names, scores.tolist(), strict=True):
+        statistics[name] = max(statistics[name], value)
+    eigenvalues, vectors = np.linalg.eigh(stacked.T @ stacked)
+    kept = eigenvalues > 1e-10 * eigenvalues[-1]
+    root = vectors[:, kept] * np.sqrt(eigenvalues[kept])
+    drawn = root @ rng.standard_normal((int(kept.sum()), REPLICATES))
+    null = np.add.reduceat(drawn**2, edges, axis=0).max(axis=0)
+    return ScoreScreen(statistics, np.sort(null))
+
+
+def orthonormal(columns: Floats, without: Floats | None = None) -> Floats:
+    """Return an orthonormal basis of the span of columns, that of ``without`` projected out."""
+    size = np.linalg.norm(columns, axis=0)
+    columns = columns[:, (size > 0.0) & np.isfinite(size)]
+    if columns.shape[1] == 0:
+        return columns
+    columns = columns / np.linalg.norm(columns, axis=0)
+    if without is not None and without.shape[1]:
+        for _ in range(2):  # twice is enough for orthogonality to rounding
+            columns = columns - without @ (without.T @ columns)
+        size = np.linalg.norm(columns, axis=0)
+        columns = columns[:, size > DEPENDENT] / size[size > DEPENDENT]
+    if columns.shape[1] < 2:
+        return columns
+    U, s, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(U[:, s > np.sqrt(DEPENDENT) * s[0]])
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What a flexible set of directions still finds in a residual.
+
+    Attributes
+    ----------
+    p_value : float
+        Of the F test against a residual that nothing explains.
+    explained : float
+        Sum of squares explained beyond what chance explains, at least 0.
+    variance : float
+        Of what is left, the noise.
+    """
+
+    p_value: float
+    explained: float
+    variance: float
+
+
+def remainder(residual: Floats, tangent: Floats, probes: Floats) -> Remainder:
+    """Test whether anything is left in a whitened residual, by an F test on probe directions."""
+    from scipy.special import fdtrc
+
+    Q = orthonormal(tangent)
+    P = orthonormal(probes, Q)
+    projected = residual - Q @ (Q.T @ residual)
+    total = float(projected @ projected)
+    explained = float(np.sum((P.T @ projected) ** 2))
+    n, q = residual.size - Q.shape[1], P.shape[1]
+    if q == 0 or n - q < 10 or total == 0.0:
+        return Remainder(1.0, 0.0, total / max(n, 1))
+    variance = (total - explained) / (n - q)
+    p_value = float(fdtrc(q, n - q, explained / q / max(variance, 1e-300)))
+    return Remainder(p_value, max(explained - q * variance, 0.0), variance)
+
+
+def block_separation(first: Floats, second: Floats) -> float:
+    """Return by how many standard errors the second squared error is larger than the first, in blocks.
+
+    The rows are cut into blocks so long that their means are nearly independent.
+
+    Source: Diebold & Mariano (1995), Journal of Business & Economic Statistics 13, with block means
+    for the long-run variance.
+    """
+    difference = second**2 - first**2
+    blocks = np.array([part.mean() for part in np.array_split(difference, min(BLOCKS, difference.size))])
+    error = float(blocks.std(ddof=1)) / np.sqrt(blocks.size)
+    return float(blocks.mean()) / error if error > 0.0 else 0.0

@@ -1,0 +1,89 @@
+"""Effects inside the dynamics as coefficients of the one law the fast simulation knows."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+from sysid.diagnosis.effects.base import Effect, EffectParameter, Floats
+from sysid.diagnosis.structures import Choice
+from sysid.physics.forced import law
+
+Coefficients = dict[str, float]
+_LARGEST_WAVES = 1e9
+
+
+def _sine(p: Floats) -> Coefficients:
+    return {"gravity": p[0], "wave_number": 1.0 / max(p[1], 1.0 / _LARGEST_WAVES)}
+
+
+# Parameters in the order of the catalogue; forces of the catalogue oppose the input.
+_LAWS: Mapping[str, Callable[[Floats], Coefficients]] = {
+    "coulomb": lambda p: {"friction_forward": p[0], "friction_back": p[0]},
+    "stribeck": lambda p: {
+        "friction_forward": p[0],
+        "friction_back": p[0],
+        "breakaway": p[1],
+        "stribeck_speed": max(p[2], 1e-300),
+    },
+    "asymmetric_friction": lambda p: {"friction_forward": p[0], "friction_back": p[1]},
+    "hysteresis_force": lambda p: {"elastic": p[0], "yield": p[1]},
+    "quad_drag": lambda p: {"drag": p[0]},
+    "cubic_stiffness": lambda p: {"cubic": p[0]},
+    "gravity_sine": _sine,
+    "constant_force": lambda p: {"constant": -p[0]},
+    "op_gain": lambda p: {"gain": p[0], "gain_scale": max(p[1], 1e-300)},
+    "sqrt_outflow": lambda p: {"root": 1.0},
+    "overflow": lambda p: {"first_cap": p[0], "second_cap": p[-1]},
+}
+# Coefficients of two effects that add up; one of the others cannot be in a law twice.
+_SUMS = ("friction_forward", "friction_back", "breakaway", "drag", "cubic", "constant")
+FORCES = ("force",)
+
+
+def has_law(effect: Effect) -> bool:
+    """Tell whether the fast simulation knows an effect of a force, flow or gain."""
+    from sysid.diagnosis.effects.catalogue import BUILT_IN
+
+    return effect.name in _LAWS and effect in BUILT_IN
+
+
+def coefficients(choices: Sequence[Choice], parameters: Sequence[Floats]) -> Floats:
+    """Return the law of a sum of effects, shape (16,).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sysid.diagnosis.effects import find_effects
+    >>> coulomb, constant = (Choice(e, e.forms[0]) for e in find_effects(["coulomb", "constant_force"]))
+    >>> coefficients([coulomb, constant], [np.array([2.0]), np.array([0.5])])[[0, 1, 8]]
+    array([ 2. ,  2. , -0.5])
+    """
+    total: Coefficients = {}
+    for choice, p in zip(choices, parameters, strict=True):
+        if choice.name not in _LAWS:
+            continue
+        for name, value in _LAWS[choice.name](p).items():
+            total[name] = total.get(name, 0.0) + value if name in _SUMS else value
+    return law(**total)
+
+
+def lower_bound(effect: Effect, parameter: EffectParameter) -> float:
+    """Return the smallest value of a parameter: dry friction cannot drive the body."""
+    if effect.dry and parameter.is_strength and parameter.name != "Fs":
+        return max(parameter.minimum, 0.0)
+    return parameter.minimum
+
+
+def typical_size(unit: str, sizes: Mapping[str, float]) -> float:
+    """Return the size of a quantity from its unit rule and typical sizes of what the rule names.
+
+    Examples
+    --------
+    >>> typical_size("[F]/[v]^2", {"F": 8.0, "v": 2.0})
+    2.0
+    """
+    size = 1.0
+    for number, part in enumerate(unit.split("/")):
+        for factor in part.split("*"):
+            name, _, power = factor.partition("^")
+            value = sizes.get(name.strip("[] "), 1.0) ** float(power or 1.0)
+            size = size / value if number else size * value
+    return size

@@ -1,0 +1,277 @@
+"""The least-squares problem of a physical model with effects: free-run error over all unknowns."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from sysid.data import Record
+from sysid.data.record import Mask
+from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.physics_laws import coefficients, lower_bound, typical_size
+from sysid.diagnosis.structures import Choice, filtered
+from sysid.physics.forced import ForcedPlant
+from sysid.physics.model import Parameter
+from sysid.separable.descent import Minimum, Residual, descend
+
+LARGEST_LOGARITHM = 60.0
+# Step of the difference quotients, relative to the size of the unknown: truncation and rounding both
+# stay below 1e-5 of the derivative.
+DIFFERENCE = 1e-6
+SMALLEST_SHARE = 1e-2
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What all problems of one record and model share.
+
+    Attributes
+    ----------
+    record : Record
+    plant : ForcedPlant
+    searched : tuple of Parameter
+        The model's parameters that are not known.
+    known : ndarray, shape (n_model_parameters,)
+        Start or fixed value of each parameter of the model.
+    free_start : bool
+        Whether the initial state of each experiment is estimated.
+    sizes : mapping of str to float
+        Typical sizes of input ``u``, output ``y``, force ``F``, position ``x``, speed ``v``, time ``s``.
+    state_sizes : ndarray, shape (n_states,)
+    """
+
+    record: Record
+    plant: ForcedPlant
+    searched: tuple[Parameter, ...]
+    known: Floats
+    free_start: bool
+    sizes: dict[str, float]
+    state_sizes: Floats
+
+    @cached_property
+    def places(self) -> list[int]:
+        """Positions of the searched parameters among the model's."""
+        return [self.plant.names.index(parameter.name) for parameter in self.searched]
+
+    @cached_property
+    def positive(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """Which searched parameters are searched by their logarithm."""
+        return np.array([parameter.positive for parameter in self.searched], dtype=bool)
+
+    @property
+    def nominal(self) -> Floats:
+        """Search coordinates of the start values."""
+        return self.to_coordinates(self.known[self.places])
+
+    def to_coordinates(self, values: Floats) -> Floats:
+        """Return logarithms of positive parameters."""
+        return np.where(self.positive, np.log(np.where(self.positive, values, 1.0)), values)
+
+    def to_values(self, coordinates: Floats) -> Floats:
+        """Return parameters from their coordinates; any leading shape."""
+        bounded = np.clip(coordinates, -LARGEST_LOGARITHM, LARGEST_LOGARITHM)
+        return np.where(self.positive, np.exp(np.where(self.positive, bounded, 0.0)), coordinates)
+
+
+class Problem:
+    """Residual and Jacobian over a point [model parameters, effect parameters, initial states].
+
+    Parameters
+    ----------
+    setting : Setting
+    choices : sequence of Choice
+        Effects in the model.
+    rows : ndarray of bool, shape (n_samples,)
+        Rows that count.
+    noise : ndarray
+        D(q) by which the residual is filtered.
+    substeps : int
+        Runge-Kutta steps in a sample.
+    free_start : bool, optional
+        As the setting has it by default.
+    """
+
+    def __init__(
+        self,
+        setting: Setting,
+        choices: Sequence[Choice],
+        rows: Mask,
+        noise: Floats,
+        substeps: int,
+        free_start: bool | None = None,
+    ) -> None:
+        self.setting, self.choices, self.rows, self.noise = setting, tuple(choices), rows, noise
+        self.substeps = substeps
+        self.free_start = setting.free_start if free_start is None else free_start
+        record = setting.record
+        self.parts = [part for part in record.slices if rows[part].any()]
+        # Nothing after the last row that counts is simulated.
+        self.parts = [
+            slice(part.start, part.start + int(np.flatnonzero(rows[part])[-1]) + 1) for part in self.parts
+        ]
+        self.target = filtered(np.where(rows, record.y[:, 0], 0.0), rows, noise)
+        counts = [len(choice.form.parameters) for choice in self.choices]
+        n = len(setting.searched)
+        self.effect_places = [
+            slice(n + sum(counts[:i]), n + sum(counts[: i + 1])) for i in range(len(counts))
+        ]
+        self.n_model, self.n_effects = n, sum(counts)
+        self.n_starts = setting.plant.order * len(self.parts) if self.free_start else 0
+        self.held = np.zeros(self.size, dtype=bool)
+
+    @cached_property
+    def runs(self) -> list[slice]:
+        """Stretches of rows that follow one another, by their place among the rows that count."""
+        places = np.flatnonzero(self.rows)
+        first = np.flatnonzero(np.diff(places, prepend=-2) != 1).tolist()
+        return [slice(a, b) for a, b in zip(first, [*first[1:], places.size], strict=True)]
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self.n_model + self.n_effects + self.n_starts
+
+    @cached_property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Bounds of a point."""
+        low = [_logarithm(p, p.minimum, -LARGEST_LOGARITHM) for p in self.setting.searched]
+        high = [_logarithm(p, p.maximum, LARGEST_LOGARITHM) for p in self.setting.searched]
+        for choice in self.choices:
+            low += [lower_bound(choice.effect, p) for p in choice.form.parameters]
+            high += [p.maximum for p in choice.form.parameters]
+        unbounded = np.full(self.n_starts, np.inf)
+        return np.concatenate([low, -unbounded]), np.concatenate([high, unbounded])
+
+    @cached_property
+    def sizes(self) -> Floats:
+        """Typical size of each unknown: 1 for logarithms."""
+        own = [
+            1.0 if p.positive else max(abs(p.start), self.setting.sizes["F"]) for p in self.setting.searched
+        ]
+        for choice in self.choices:
+            own += [typical_size(p.unit, self.setting.sizes) for p in choice.form.parameters]
+        states = np.tile(self.setting.state_sizes, len(self.parts) if self.free_start else 0)
+        return np.concatenate([own, states])
+
+    def outputs(self, points: Floats) -> Floats:
+        """Return the free run on the rows that count, unfiltered, shape (lanes, n_rows)."""
+        return np.concatenate(
+            [self.run(part, points, number)[:, self.rows[part]] for number, part in enumerate(self.parts)],
+            axis=1,
+        )
+
+    def run(self, part: slice, points: Floats, number: int | None, states: Floats | None = None) -> Floats:
+        """Simulate one experiment for several points, shape (lanes, n_rows).
+
+        ``number`` says whose initial state in the point counts; None for rest.
+        """
+        setting = self.setting
+        plant = setting.plant
+        lanes = points.shape[0]
+        values = np.tile(setting.known, (lanes, 1))
+        values[:, setting.places] = setting.to_values(points[:, : self.n_model])
+        effects = [[point[place] for place in self.effect_places] for point in points]
+        laws = np.array([coefficients(self.choices, own) for own in effects])
+        starts = None
+        if self.free_start and number is not None:
+            first = self.n_model + self.n_effects + number * plant.order
+            starts = points[:, first : first + plant.order]
+        u = setting.record.u[part]
+        driven = self._inputs(u, effects)
+        y = plant.run(values, laws, driven, starts, self.substeps, states)
+        return self._outputs(y, u[:, 0], effects)
+
+    def _inputs(self, u: Floats, effects: Sequence[Sequence[Floats]]) -> Floats:
+        """Send the first input through the effects at the input, if there are any."""
+        own = [i for i, choice in enumerate(self.choices) if choice.effect.port == "input"]
+        if not own:
+            return u
+        driven = np.tile(u, (len(effects), 1, 1))
+        for lane, parameters in enumerate(effects):
+            signal = u[:, 0]
+            for i in own:
+                signal = self._applied(i, signal, parameters[i])
+            driven[lane, :, 0] = signal
+        return driven
+
+    def _outputs(self, y: Floats, u: Floats, effects: Sequence[Sequence[Floats]]) -> Floats:
+        """Send the output through the sensor's effects, after what runs beside the model is added."""
+        beside = [i for i, choice in enumerate(self.choices) if choice.effect.port == "parallel"]
+        sensor = [i for i, choice in enumerate(self.choices) if choice.effect.port == "output"]
+        for lane, parameters in enumerate(effects if beside or sensor else ()):
+            signal = y[lane]
+            for i in beside:
+                signal = signal + self._applied(i, u, parameters[i])
+            for i in sensor:
+                signal = self._applied(i, signal, parameters[i])
+            y[lane] = signal
+        return y
+
+    def _applied(self, effect: int, signal: Floats, parameters: Floats) -> Floats:
+        apply = self.choices[effect].form.apply
+        assert apply is not None
+        return apply(np.ascontiguousarray(signal), parameters, self.setting.record.period)
+
+    def errors(self, points: Floats) -> Floats:
+        """Return the filtered residual of several points, shape (lanes, n_rows)."""
+        outputs = self.outputs(points)
+        out = outputs
+        if self.noise.size > 1:
+            out = outputs.copy()
+            for run in self.runs:
+                for lag in range(1, min(self.noise.size, run.stop - run.start)):
+                    out[:, run.start + lag : run.stop] += (
+                        self.noise[lag] * outputs[:, run.start : run.stop - lag]
+                    )
+        return np.asarray(out - self.target)
+
+    def residual(self, point: Floats) -> Floats:
+        """Return the filtered residual, model less measurement."""
+        return np.asarray(self.errors(point[np.newaxis])[0])
+
+    def cost(self, point: Floats) -> float:
+        """Return the sum of its squares; infinite where the model diverges."""
+        error = self.residual(point)
+        cost = float(error @ error)
+        return cost if np.isfinite(cost) else np.inf
+
+    def shifted(self, point: Floats, columns: Sequence[int]) -> tuple[Floats, Floats]:
+        """Return the point and copies with one unknown moved in each, and how far."""
+        lower, upper = self.bounds
+        step = DIFFERENCE * np.maximum(np.abs(point), SMALLEST_SHARE * self.sizes)
+        step[: self.n_model] = np.where(self.setting.positive, DIFFERENCE, step[: self.n_model])
+        step = np.where(point + step > upper, -step, step)
+        points = np.tile(point, (1 + len(columns), 1))
+        for lane, column in enumerate(columns):
+            points[1 + lane, column] += step[column]
+        moved = points[1:][np.arange(len(columns)), list(columns)] - point[list(columns)]
+        return points, moved
+
+    def jacobian(self, point: Floats) -> Floats:
+        """Return the derivative of the residual by difference quotients; zero for what is held."""
+        columns = np.flatnonzero(~self.held)
+        points, moved = self.shifted(point, columns.tolist())
+        errors = self.errors(points)
+        J = np.zeros((errors.shape[1], self.size))
+        J[:, columns] = ((errors[1:] - errors[0]) / moved[:, np.newaxis]).T
+        return J
+
+    def descend(self, point: Floats, evaluations: int, tolerance: float) -> Minimum[Residual]:
+        """Search on by Levenberg and Marquardt's method until the cost falls by a negligible share."""
+        lower, upper = self.bounds
+        with np.errstate(all="ignore"):
+            return descend(
+                lambda x: Residual(self.residual(x), lambda: np.nan_to_num(self.jacobian(x))),
+                np.clip(point, lower, upper),
+                bounds=(lower, upper),
+                negligible=tolerance,
+                max_evaluations=evaluations,
+            )
+
+
+def _logarithm(parameter: Parameter, value: float, unbounded: float) -> float:
+    if not parameter.positive:
+        return value
+    with np.errstate(divide="ignore"):
+        return float(np.clip(np.log(value), -LARGEST_LOGARITHM, LARGEST_LOGARITHM)) if value else unbounded

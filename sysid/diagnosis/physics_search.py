@@ -1,0 +1,189 @@
+"""Search for the parameters of effects in a physical model: grid, projection, descent, refinement."""
+
+from collections.abc import Sequence
+from itertools import product
+
+import numpy as np
+
+from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.physics_problem import Problem
+from sysid.separable.descent import Minimum, Residual
+
+# Share of a strength's typical size at which its linear effect is measured.
+PROBE = 1e-3
+DRY_PROBE = 0.05
+SHARES = (1.0, 0.3)
+DRY_SIZES = (0.1, 0.5)
+MOST_COMBINATIONS = 64
+LANE_ROWS = 3_000_000
+REFINEMENTS, REFINED_POINTS = 3, 9
+RANK_TOLERANCE = 1e-9
+
+Scored = tuple[float, Floats]
+
+
+class Tangent:
+    """The part of a residual that the model's other unknowns cannot take up, to first order."""
+
+    def __init__(self, problem: Problem, point: Floats) -> None:
+        with np.errstate(all="ignore"):
+            J = np.nan_to_num(problem.jacobian(point))
+        J = J[:, np.linalg.norm(J, axis=0) > 0.0]
+        scale = np.linalg.norm(J, axis=0)
+        left, sizes, _ = np.linalg.svd(J / scale, full_matrices=False)
+        self.basis = left[:, sizes > RANK_TOLERANCE * sizes.max(initial=0.0)]
+
+    def outside(self, rows: Floats) -> Floats:
+        """Return what is left of each row, shape (lanes, n_rows)."""
+        return np.asarray(rows - (rows @ self.basis) @ self.basis.T)
+
+
+def in_lanes(problem: Problem, points: Floats) -> Floats:
+    """Return the residuals of many points, as many at a time as memory allows."""
+    at_once = max(int(LANE_ROWS / max(problem.target.size, 1)), 1)
+    with np.errstate(all="ignore"):
+        return np.concatenate(
+            [problem.errors(points[i : i + at_once]) for i in range(0, points.shape[0], at_once)]
+        )
+
+
+def grid_starts(problem: Problem, before: Problem, known: Floats, new: Sequence[int]) -> list[Scored]:
+    """Return starting points over the grid of the new effects, the most promising first.
+
+    A point is judged by what is left of its residual after the model's other unknowns have taken up
+    what they can, to first order.
+
+    Parameters
+    ----------
+    problem : Problem
+        With all effects.
+    before : Problem
+        The same without the new effects.
+    known : ndarray
+        A point of ``before``.
+    new : sequence of int
+        Positions of the new effects.
+    """
+    tangent = Tangent(before, known)
+    base = problem_point(problem, before, known)
+    error = before.residual(known)
+    shapes, strengths = _places(problem, new)
+    points = np.tile(base, (len(combinations := _combinations(problem, new)), 1))
+    for place, values in zip(shapes, np.array(combinations).reshape(len(combinations), -1).T, strict=True):
+        points[:, place] = values
+    if strengths:
+        points = _with_strengths(problem, points, strengths, error, tangent)
+    left = tangent.outside(in_lanes(problem, points))
+    costs = np.einsum("ij,ij->i", left, left)
+    costs[~np.isfinite(costs)] = np.inf
+    order = np.argsort(costs, kind="stable")
+    return [(float(costs[i]), points[i]) for i in order if np.isfinite(costs[i])]
+
+
+def problem_point(problem: Problem, before: Problem, known: Floats) -> Floats:
+    """Return the point of a problem with more effects: the new ones at zero, or at their lower bound."""
+    point = np.zeros(problem.size)
+    point[: problem.n_model] = known[: problem.n_model]
+    own = dict(zip((choice.name for choice in before.choices), before.effect_places, strict=True))
+    for choice, place in zip(problem.choices, problem.effect_places, strict=True):
+        if choice.name in own and choice in before.choices:
+            point[place] = known[own[choice.name]]
+    point[problem.n_model + problem.n_effects :] = known[before.n_model + before.n_effects :]
+    lower, upper = problem.bounds
+    return np.clip(point, lower, upper)
+
+
+def _places(problem: Problem, new: Sequence[int]) -> tuple[list[int], list[int]]:
+    shapes, strengths = [], []
+    for i in new:
+        for j, parameter in enumerate(problem.choices[i].form.parameters):
+            (strengths if parameter.is_strength else shapes).append(problem.effect_places[i].start + j)
+    return shapes, strengths
+
+
+def _combinations(problem: Problem, new: Sequence[int]) -> list[tuple[float, ...]]:
+    """Return the values of the shape parameters to be tried, thinned out where they are too many."""
+    record = problem.setting.record
+    rows = problem.rows
+    axes: list[list[float]] = []
+    for i in new:
+        form = problem.choices[i].form
+        starts = [s.tolist() for s in form.starts(record.u[rows, 0], record.y[rows, 0], record.period)]
+        if form.state:  # stiffness and yield force are in the model's own units
+            starts = [
+                [problem.sizes[problem.effect_places[i].start + j] * share for share in shares]
+                for j, shares in zip(form.shapes, ((0.3, 3.0, 30.0), (0.1, 0.3, 0.8)), strict=True)
+            ]
+        axes += starts
+    while np.prod([len(axis) for axis in axes]) > MOST_COMBINATIONS:
+        longest = max(range(len(axes)), key=lambda k: len(axes[k]))
+        axes[longest] = axes[longest][::2] if len(axes[longest]) > 2 else axes[longest][:1]
+    return list(product(*axes))
+
+
+def _with_strengths(
+    problem: Problem, points: Floats, strengths: list[int], error: Floats, tangent: Tangent
+) -> Floats:
+    """Give each point the strengths that lower the residual most, to first order, and shares of them."""
+    lower, upper = problem.bounds
+    dry = any(choice.effect.dry for choice in problem.choices)
+    probe = (DRY_PROBE if dry else PROBE) * problem.sizes[strengths]
+    count = len(strengths)
+    probes = np.repeat(points, count, axis=0)
+    for j, place in enumerate(strengths):
+        probes[j::count, place] = probe[j]
+    plain = points.copy()
+    responses = in_lanes(problem, probes)
+    starts = (
+        in_lanes(problem, plain) if points.shape[0] > 1 or not np.isfinite(error).all() else error[np.newaxis]
+    )
+    found = []
+    for number, point in enumerate(points):
+        at_zero = starts[number]
+        D = (responses[number * count : (number + 1) * count] - at_zero) / probe[:, np.newaxis]
+        if not (np.isfinite(D).all() and np.isfinite(at_zero).all()):
+            continue
+        outside = tangent.outside(np.vstack([D, at_zero]))
+        norms = np.linalg.norm(outside[:-1], axis=1)
+        norms[norms == 0.0] = 1.0
+        best = -np.linalg.lstsq((outside[:-1] / norms[:, np.newaxis]).T, outside[-1], rcond=1e-9)[0] / norms
+        for share in SHARES:
+            chosen = point.copy()
+            chosen[strengths] = np.clip(share * best, lower[strengths], upper[strengths])
+            found.append(chosen)
+        for size in DRY_SIZES if dry else ():
+            chosen = point.copy()
+            chosen[strengths] = np.clip(size * problem.sizes[strengths], lower[strengths], upper[strengths])
+            found.append(chosen)
+    return np.array(found) if found else points
+
+
+def refined(
+    problem: Problem, minimum: Minimum[Residual], evaluations: int, tolerance: float
+) -> Minimum[Residual]:
+    """Search the shape parameters on which the output depends by jumps: scan, descend, scan closer."""
+    jumping = [
+        place.start + j
+        for choice, place in zip(problem.choices, problem.effect_places, strict=True)
+        if not choice.form.smooth
+        for j in choice.form.shapes
+    ]
+    if not jumping:
+        return minimum
+    lower, upper = problem.bounds
+    width = 0.5
+    for _ in range(REFINEMENTS):
+        for place in jumping:
+            centre = max(abs(minimum.x[place]), SMALL * problem.sizes[place])
+            points = np.tile(minimum.x, (REFINED_POINTS, 1))
+            points[:, place] = minimum.x[place] + centre * np.linspace(-width, width, REFINED_POINTS)
+            points = np.clip(points, lower, upper)
+            errors = Tangent(problem, minimum.x).outside(in_lanes(problem, points))
+            costs = np.nan_to_num(np.einsum("ij,ij->i", errors, errors), nan=np.inf)
+            trial = problem.descend(points[int(np.argmin(costs))], evaluations, tolerance)
+            minimum = trial if trial.cost < minimum.cost else minimum
+        width *= 0.3
+    return minimum
+
+
+SMALL = 1e-2

@@ -1,0 +1,371 @@
+"""Physical models as diagnosis sees them: fitted with effects, by their free run."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.data import Record
+from sysid.data.record import Mask
+from sysid.diagnosis.effects.base import Effect, Floats
+from sysid.diagnosis.physics_laws import has_law
+from sysid.diagnosis.physics_problem import Problem, Setting
+from sysid.diagnosis.physics_search import grid_starts, problem_point, refined
+from sysid.diagnosis.structures import Choice, FittedParameter, StructureFit
+from sysid.errors import IdentifiabilityError
+from sysid.linear.simulation import first_rows
+from sysid.physics.forced import NO_LAW, ForcedPlant
+from sysid.physics.model import Model
+from sysid.separable.descent import Minimum, Residual
+
+# Fastest rate times the Runge-Kutta step: the run's relative error is about its fourth power / 120.
+COARSE_STEP, FINE_STEP = 0.35, 0.2
+SEARCH_ROWS = 8_000
+RESTARTS = 4
+SPREAD = 0.25
+# Two searches agree when their root mean square errors differ by this share, and their outputs by less than
+# that share of the error.
+AGREEMENT, OUTPUT_AGREEMENT = 1e-3, 0.05
+SEED = 7
+EVALUATIONS = (40, 14, 60)
+TOLERANCES = (1e-7, 1e-4, 1e-7)
+DESCENTS = (1, 2, 4)
+WHITE = np.ones(1)
+
+
+class PhysicsStructure:
+    """A physical model that can be fitted with effects to one record.
+
+    Parameters
+    ----------
+    record : Record
+        With one output.
+    model : Model
+        Start values, known values.
+    initial_state : {"estimate", "rest"}
+    """
+
+    def __init__(self, record: Record, model: Model, initial_state: str = "estimate") -> None:
+        self.record = record
+        self.name = model.name
+        plant = ForcedPlant(model, record.period)
+        self.own_constant = _own_constant(model, plant)
+        if self.own_constant:
+            model = model.with_parameters(fixed={self.own_constant: 0.0})
+            plant = ForcedPlant(model, record.period)
+        self.model, self.plant = model, plant
+        self.setting = _setting(record, model, plant, initial_state == "estimate")
+
+    def offered(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
+        """Return the effects that make sense for this model, in the given order."""
+        return tuple(effect for effect in effects if self._makes_sense(effect))
+
+    def _makes_sense(self, effect: Effect) -> bool:
+        port = self.plant.port
+        if "physics" not in effect.families:
+            return False
+        if effect.port in ("force", "gain", "flow") and not has_law(effect):
+            return False
+        if effect.port == "force":
+            # A constant force of the model's own makes friction that differs by direction a second name.
+            doubled = bool(port.constant) and effect.name in ("asymmetric_friction", "constant_force")
+            if doubled and effect.name == "constant_force":
+                doubled = not self.own_constant
+            return port.velocity is not None and not doubled
+        return effect.port != "flow" or bool(port.levels)
+
+    def baseline(self, rows: Mask) -> StructureFit:
+        """Fit the model without effects, from several starts."""
+        problem = self._problem((), rows, WHITE, COARSE_STEP)
+        if problem.target.size < 2 * problem.size:
+            raise IdentifiabilityError(
+                f"{problem.target.size} rows cannot determine {problem.size} unknowns: at least "
+                f"{2 * problem.size} rows are needed"
+            )
+        unknown = [p.name for p in self.setting.searched if p.status == "free"]
+        starts, agreeing = self._wide_starts(rows) if unknown else (self._near_starts(), 0)
+        ends = [
+            problem.descend(self._with_states(problem, start), EVALUATIONS[2], TOLERANCES[2])
+            for start in starts
+            if np.isfinite(problem.cost(self._with_states(problem, start)))
+        ]
+        ends.sort(key=lambda end: end.cost)
+        agree = agreeing > 1 or sum(_same(ends[0], end) for end in ends) > 1
+        return self._result(problem, ends[0], agree)
+
+    def _near_starts(self) -> list[Floats]:
+        """Return the nominal values and draws around them."""
+        generator = np.random.default_rng(SEED)
+        nominal = self.setting.nominal
+        width = np.where(self.setting.positive, SPREAD, SPREAD * np.abs(nominal))
+        draws = [nominal + width * generator.uniform(-1.0, 1.0, nominal.size) for _ in range(RESTARTS)]
+        return [nominal, *draws]
+
+    def _wide_starts(self, rows: Mask) -> tuple[list[Floats], int]:
+        """Return where the search over unknown parameters ends, and whether its searches agree."""
+        from sysid.physics.fit import fit_physics
+
+        state = "estimate" if self.setting.free_start else "rest"
+        fit = fit_physics(self.record, self.model, initial_state=state, rows=rows)
+        values = np.array([fit.values[p.name] for p in self.setting.searched])
+        return [self.setting.to_coordinates(values)], 2 if fit.restarts_agree else 0
+
+    def fit(
+        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: int
+    ) -> StructureFit:
+        """Fit the model with these effects, from a fit with fewer (or other, or the same) effects."""
+        largest = COARSE_STEP if effort == 1 else FINE_STEP
+        problem = self._problem(choices, rows, noise, largest)
+        kept = [choice for choice in choices if choice in start.choices]
+        new = [i for i, choice in enumerate(choices) if choice not in start.choices]
+        before = self._problem(kept, rows, noise, largest)
+        known = self._carried(before, start)
+        if effort == 0 or not new:
+            point = problem_point(problem, before, known)
+            end = problem.descend(point, EVALUATIONS[effort], TOLERANCES[effort])
+            return self._result(problem, refined(problem, end, EVALUATIONS[1], TOLERANCES[effort]), True)
+        small = _first_rows(rows, SEARCH_ROWS)
+        search, plain = problem, before
+        if small.sum() < rows.sum():
+            search = self._problem(choices, small, noise, largest)
+            plain = self._problem(kept, small, noise, largest)
+        ends = self._ends(search, plain, self._carried(plain, start), new, effort)
+        best, agree = ends[0], sum(_same(ends[0], end) for end in ends) > 1
+        if search is not problem:
+            best = problem.descend(self._moved(search, problem, best.x), EVALUATIONS[2], TOLERANCES[effort])
+        return self._result(problem, best, agree or effort == 1)
+
+    def _ends(
+        self, problem: Problem, before: Problem, known: Floats, new: Sequence[int], effort: int
+    ) -> list[Minimum[Residual]]:
+        """Search from the best points of the grid, around the fit so far and around the nominal values."""
+        found: list[Floats] = []
+        for centre in self._centres(problem, before, known, new):
+            found += [point for _, point in grid_starts(problem, before, centre, new)[: DESCENTS[effort]]]
+        ends = []
+        for point in found:
+            if np.isfinite(problem.cost(point)):
+                ends.append(problem.descend(point, EVALUATIONS[effort], TOLERANCES[effort]))
+        if not ends:
+            ends = [problem.descend(problem_point(problem, before, known), 2, TOLERANCES[effort])]
+        ends.sort(key=lambda end: end.cost)
+        ends[0] = refined(problem, ends[0], EVALUATIONS[1], TOLERANCES[effort])
+        return ends
+
+    def _centres(self, problem: Problem, before: Problem, known: Floats, new: Sequence[int]) -> list[Floats]:
+        """Return the points without the new effects around which these are searched."""
+        centres = [known]
+        nominal = known.copy()
+        nominal[: before.n_model] = self.setting.nominal
+        if not np.allclose(nominal, known, rtol=1e-3):
+            centres.append(nominal)
+        return centres
+
+    def _with_states(self, problem: Problem, coordinates: Floats) -> Floats:
+        """Return a point whose initial states fit best, the rest as given."""
+        point = np.concatenate([coordinates, np.zeros(problem.size - coordinates.size)])
+        if problem.n_starts == 0:
+            return point
+        rest = [state.rest for state in self.model.states]
+        point[coordinates.size :] = np.tile(rest, len(problem.parts))
+        problem.held[: coordinates.size] = True
+        with np.errstate(all="ignore"):
+            found = problem.descend(point, 8, 1e-6).x if np.isfinite(problem.cost(point)) else point
+        problem.held[:] = False
+        return found
+
+    def _problem(self, choices: Sequence[Choice], rows: Mask, noise: Floats, largest: float) -> Problem:
+        values = self.setting.known[np.newaxis]
+        return Problem(self.setting, choices, rows, noise, self.plant.substeps(values, largest))
+
+    def _carried(self, problem: Problem, start: StructureFit) -> Floats:
+        """Return the point of a problem with effects of ``start`` where that fit left them."""
+        old = self._problem(start.choices, start.rows, WHITE, COARSE_STEP)
+        return self._moved(old, problem, start.point)
+
+    def _moved(self, old: Problem, problem: Problem, x: Floats) -> Floats:
+        """Return a point with what another problem's point says about the same unknowns."""
+        point = np.zeros(problem.size)
+        point[: problem.n_model] = x[: old.n_model]
+        for i, choice in enumerate(problem.choices):
+            if choice in old.choices:
+                point[problem.effect_places[i]] = x[old.effect_places[old.choices.index(choice)]]
+        order = self.plant.order
+        rest = np.array([state.rest for state in self.model.states])
+        first = {part.start: k for k, part in enumerate(old.parts)}
+        for number, part in enumerate(problem.parts if problem.n_starts else []):
+            place = problem.n_model + problem.n_effects + number * order
+            k = first.get(part.start)
+            where = old.n_model + old.n_effects + (k or 0) * order
+            point[place : place + order] = rest if k is None or not old.n_starts else x[where : where + order]
+        return point
+
+    def _result(self, problem: Problem, minimum: Minimum[Residual], agree: bool) -> StructureFit:
+        return StructureFit(
+            choices=problem.choices,
+            point=minimum.x,
+            parameters=self._parameters(problem, minimum.x, np.full(problem.size, np.nan)),
+            output=self._everywhere(problem, minimum.x),
+            rows=problem.rows,
+            cost=minimum.cost,
+            n_parameters=problem.size,
+            converged=minimum.status.converged,
+            restarts_agree=agree,
+            status=minimum.status.value,
+        )
+
+    def _parameters(self, problem: Problem, x: Floats, errors: Floats) -> tuple[FittedParameter, ...]:
+        """Return the parameters for a reader; errors are those of the coordinates."""
+        values = self.setting.to_values(x[: problem.n_model])
+        slopes = np.where(self.setting.positive, values, 1.0)
+        found = [
+            FittedParameter(p.name, float(value), float(error * slope), p.unit)
+            for p, value, error, slope in zip(self.setting.searched, values, errors, slopes, strict=False)
+        ]
+        for choice, place in zip(problem.choices, problem.effect_places, strict=True):
+            for parameter, value, error in zip(choice.form.parameters, x[place], errors[place], strict=True):
+                unit = parameter.unit_with(self.units)
+                found.append(FittedParameter(parameter.name, float(value), float(error), unit, choice.name))
+        return tuple(found)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of input, output, force, position and speed."""
+        model, port = self.model, self.plant.port
+        units = {"u": model.inputs[0].unit, "y": model.outputs[0].unit}
+        if port.velocity is not None and port.position is not None:
+            units |= {
+                "F": model.equations[port.velocity].unit,
+                "x": model.states[port.position].unit,
+                "v": model.states[port.velocity].unit,
+            }
+        elif port.levels:
+            units["x"] = model.states[port.levels[0]].unit
+        return units
+
+    def _everywhere(self, problem: Problem, x: Floats) -> Floats:
+        """Return the free run over every row, initial states of experiments without rows estimated."""
+        record = self.record
+        output = np.empty(record.n_samples)
+        fitted = {part.start: number for number, part in enumerate(problem.parts)}
+        for part in record.slices:
+            number = fitted.get(part.start)
+            if number is None and problem.n_starts:
+                output[part] = self._new_experiment(problem, x, part)
+            else:
+                output[part] = problem.run(part, x[np.newaxis], number)[0]
+        return output
+
+    def _new_experiment(self, problem: Problem, x: Floats, part: slice) -> Floats:
+        """Return the free run of an experiment that has no rows in the fit."""
+        y = self.record.y[part, 0]
+        used, count = first_rows(
+            y, self.record.skip.get(str(self.record.split[part][0]), 0), self.plant.order
+        )
+        own = problem.n_model + problem.n_effects
+        if not count:
+            return problem.run(part, x[np.newaxis], None)[0]
+        rows = np.zeros(self.record.n_samples, dtype=bool)
+        rows[part] = used
+        local = Problem(self.setting, problem.choices, rows, WHITE, problem.substeps)
+        end = self._with_states(local, x[:own])
+        return local.run(part, end[np.newaxis], 0)[0]
+
+    def tangent(self, fit: StructureFit) -> Floats:
+        """Return the derivative of the free run by all parameters, shape (n_samples, n_parameters)."""
+        problem = self._problem(fit.choices, fit.rows, WHITE, COARSE_STEP)
+        points, moved = problem.shifted(fit.point, range(problem.size))
+        outputs = self._runs(problem, points)
+        return np.asarray(((outputs[1:] - outputs[0]) / moved[:, np.newaxis]).T)
+
+    def _runs(self, problem: Problem, points: Floats) -> Floats:
+        """Return free runs over every row, experiments without rows of the fit from rest."""
+        numbers = {part.start: number for number, part in enumerate(problem.parts)}
+        return np.concatenate(
+            [problem.run(part, points, numbers.get(part.start)) for part in self.record.slices], axis=1
+        )
+
+    def directions(self, fit: StructureFit, effect: Effect) -> list[Floats]:
+        """Return how an effect, added to a fit, would change its free run."""
+        from sysid.diagnosis.physics_directions import directions
+
+        return directions(self, fit, effect)
+
+    def finish(self, fit: StructureFit, noise: Floats) -> StructureFit:
+        """Return a fit with standard errors of its parameters filled in."""
+        problem = self._problem(fit.choices, fit.rows, noise, FINE_STEP)
+        J = problem.jacobian(fit.point)
+        error = problem.residual(fit.point)
+        scale = np.linalg.norm(J, axis=0)
+        lost = scale == 0.0
+        scale[lost] = 1.0
+        _, sizes, right = np.linalg.svd(J / scale, full_matrices=False)
+        seen = sizes > 1e-9 * sizes.max(initial=0.0)
+        spread = np.sqrt(float(error @ error) / max(error.size - problem.size, 1))
+        errors = spread * np.linalg.norm(right[seen].T / sizes[seen], axis=1) / scale
+        loose = lost | (np.abs(right[~seen]).max(axis=0, initial=0.0) > 1e-2)
+        errors[loose] = np.inf
+        return replace(fit, parameters=self._parameters(problem, fit.point, errors))
+
+    def probes(self, fit: StructureFit) -> Floats:
+        """Return directions in which an effect that is not in any list would show."""
+        from sysid.diagnosis.physics_directions import probes
+
+        return probes(self, fit)
+
+    def equation(self, fit: StructureFit) -> str:
+        """Return the model's equation with its effects, for a reader."""
+        lines = [str(self.model)]
+        for choice in fit.choices:
+            values = ", ".join(f"{p.name} = {p.value:.4g}" for p in fit.parameters_of(choice.name))
+            lines.append(f"{choice.name}: {choice.effect.equation}" + (f"  ({values})" if values else ""))
+        return "\n".join(lines)
+
+
+def _same(best: Minimum[Residual], end: Minimum[Residual]) -> bool:
+    """Tell whether two searches ended at the same error with the same output."""
+    apart = float(np.linalg.norm(end.point.residual - best.point.residual))
+    error = np.sqrt(best.cost)
+    return bool(np.sqrt(end.cost) <= error * (1.0 + AGREEMENT) and apart <= OUTPUT_AGREEMENT * error)
+
+
+def _own_constant(model: Model, plant: ForcedPlant) -> str:
+    """Return the model's parameter that is a constant force of which nothing was said, or nothing."""
+    name = plant.port.constant
+    if not name:
+        return ""
+    parameter = model.parameter(name)
+    return name if parameter.status != "uncertain" and parameter.start == 0.0 else ""
+
+
+def _setting(record: Record, model: Model, plant: ForcedPlant, free_start: bool) -> Setting:
+    known = np.array([parameter.start for parameter in model.parameters])
+    searched = tuple(parameter for parameter in model.parameters if parameter.status != "fixed")
+    rows = record.learning
+    y, u = record.y[rows, 0], record.u[rows, 0]
+    part = record.slices[int(np.argmax([rows[part].sum() for part in record.slices]))]
+    driven = record.u[part]
+    states = np.empty((1, driven.shape[0], plant.order))
+    with np.errstate(all="ignore"):
+        run = plant.run(known[np.newaxis], NO_LAW[np.newaxis], driven, states=states)[0]
+        pushed = plant.respond(known, driven[:, 0] - driven[:, 0].mean())
+        factor = _size(y) / _size(run)
+        state_sizes = np.array([_size(states[0, :, i]) for i in range(plant.order)]) * factor
+        force = _size(u) * _size(y) / _size(pushed)
+    port = plant.port
+    sizes = {"u": _size(u), "y": _size(y), "F": force, "s": record.period * rows.sum(), "rad": 1.0}
+    sizes["x"] = state_sizes[port.position] if port.position is not None else sizes["y"]
+    sizes["v"] = state_sizes[port.velocity] if port.velocity is not None else sizes["y"]
+    return Setting(record, plant, searched, known, free_start, sizes, state_sizes)
+
+
+def _size(signal: Floats) -> float:
+    """Return the standard deviation, or 1 where that says nothing."""
+    size = float(np.std(signal))
+    return size if np.isfinite(size) and size > 0.0 else 1.0
+
+
+def _first_rows(rows: Mask, count: int) -> Mask:
+    chosen = rows.copy()
+    chosen[np.flatnonzero(rows)[count:]] = False
+    return chosen

@@ -1,0 +1,280 @@
+"""Simulate a model of up to four linear states with added forces, several runs at a time."""
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from sysid.errors import ModelError
+from sysid.linear.forms import Floats
+from sysid.physics.expressions import code
+from sysid.physics.linear_form import Entry, linear_form
+from sysid.physics.model import Model
+from sysid.physics.ports import Port, find_port
+
+MOST_STATES = 4
+MOST_SUBSTEPS = 1000
+# The law without effects: sixteen coefficients, in the order of `sysid.physics.forced_kernels`.
+LAW_NAMES = (
+    "friction_forward",
+    "friction_back",
+    "breakaway",
+    "stribeck_speed",
+    "drag",
+    "cubic",
+    "gravity",
+    "wave_number",
+    "constant",
+    "elastic",
+    "yield",
+    "gain",
+    "gain_scale",
+    "root",
+    "first_cap",
+    "second_cap",
+)
+_NO_LAW = dict.fromkeys(LAW_NAMES, 0.0) | {
+    "stribeck_speed": 1.0,
+    "wave_number": 1.0,
+    "gain_scale": 1.0,
+    "first_cap": np.inf,
+    "second_cap": np.inf,
+}
+NO_LAW = np.array([_NO_LAW[name] for name in LAW_NAMES])
+NO_LAW.setflags(write=False)
+
+
+def law(**coefficients: float) -> Floats:
+    """Return the coefficients of a law by name; the rest are those of no effect.
+
+    Examples
+    --------
+    >>> law(cubic=3.0)[LAW_NAMES.index("cubic")]
+    np.float64(3.0)
+    """
+    values = NO_LAW.copy()
+    for name, value in coefficients.items():
+        values[LAW_NAMES.index(name)] = value
+    return values
+
+
+class ForcedPlant:
+    """Runs of one model with laws of force, flow and gain added at its port.
+
+    Parameters
+    ----------
+    model : Model
+        Linear in state and input, with at most four states and one output.
+    period : float
+        Sampling period [s]; the input is held between samples.
+
+    Raises
+    ------
+    ModelError
+        If the model is not linear or has more states.
+
+    Examples
+    --------
+    A body that the force cannot move, as friction holds it:
+
+    >>> import numpy as np
+    >>> from sysid.physics import load_model
+    >>> plant = ForcedPlant(load_model("mass-spring-damper"), 0.1)
+    >>> values = np.array([[1.0, 0.5, 2.0]])
+    >>> y = plant.run(values, law(friction_forward=1.0, friction_back=1.0)[np.newaxis], np.full(50, 0.9))
+    >>> float(np.abs(y).max())
+    0.0
+    """
+
+    def __init__(self, model: Model, period: float) -> None:
+        form = linear_form(model, ())
+        if form is None or len(model.states) > MOST_STATES or len(model.outputs) != 1:
+            raise ModelError(
+                f"model {model.name!r} cannot take added forces by the fast simulation: it must be linear, "
+                f"with one output and at most {MOST_STATES} states"
+            )
+        self.model, self.period, self._form = model, period, form
+        self.names = tuple(parameter.name for parameter in model.parameters)
+        self.port: Port = find_port(model)
+        self.order, self.n_inputs = len(model.states), len(model.inputs)
+        self.states_first = _order(self.port, self.order)
+        position = self.port.position
+        self.same = position is not None and position == self.port.velocity
+        self.delayed = tuple(variable.delay for variable in model.inputs)
+
+    @cached_property
+    def _matrices(self) -> Callable[[Floats], tuple[Sequence[float], Sequence[float], float]]:
+        """Compiled entries of the generator and of the output, and the rate of a force on the velocity."""
+        from sysid.physics.expressions import Number, operation
+
+        push = Number(0.0)
+        entries: tuple[Entry, ...] = (*self._form.rates, *self._form.outputs)
+        expressions = [code(entry[2], self._inside) for entry in entries]
+        if self.port.velocity is not None:
+            expressions.append(
+                code(operation("/", Number(1.0), self.model.equations[self.port.velocity].factor), self._inside)
+            )
+        else:
+            expressions.append(code(push, self._inside))
+        source = f"def entries(p):\n    return ({', '.join(expressions)},)\n"
+        namespace: dict[str, Any] = {"np": np}
+        exec(compile(source, f"<matrices of {self.model.name}>", "exec"), namespace)
+        function: Callable[[Floats], Any] = namespace["entries"]
+        return function
+
+    @cached_property
+    def _inside(self) -> dict[str, str]:
+        return {name: f"p[{i}]" for i, name in enumerate(self.names)}
+
+    @cached_property
+    def _targets(self) -> tuple[Any, Any, Any]:
+        """Where entries stand: positions in plants (with their entries), in by_input, in direct."""
+        from sysid.physics import forced_kernels as fk
+
+        place = {state: k for k, state in enumerate(self.states_first)}
+        n = self.order
+        plant, by_input, direct = [], [], []
+        count = len(self._form.rates)
+        for number, (row, column, _) in enumerate((*self._form.rates, *self._form.outputs)):
+            rate = number < count
+            if column < n:
+                k = place[column]
+                plant.append((number, fk.A + 4 * place[row] + k if rate else fk.READ + k))
+            elif column == n + self.n_inputs:
+                plant.append((number, fk.STEADY + place[row] if rate else fk.READ + 4))
+            elif rate:
+                by_input.append((number, place[row], column - n))
+            else:
+                direct.append((number, column - n))
+        return plant, by_input, direct
+
+    def coefficients(self, values: Floats, laws: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return what the kernels need of each lane: coefficients, rates by input, output by input."""
+        from sysid.physics import forced_kernels as fk
+
+        lanes = values.shape[0]
+        plants = np.zeros((lanes, fk.SIZE))
+        by_input = np.zeros((lanes, MOST_STATES, self.n_inputs))
+        direct = np.zeros((lanes, self.n_inputs))
+        plant_places, input_places, direct_places = self._targets
+        with np.errstate(all="ignore"):
+            for lane, p in enumerate(values.tolist()):
+                try:
+                    entries = self._matrices(p)  # type: ignore[arg-type]
+                except (ZeroDivisionError, OverflowError):
+                    plants[lane] = np.nan
+                    continue
+                for number, place in plant_places:
+                    plants[lane, place] = entries[number]
+                for number, row, column in input_places:
+                    by_input[lane, row, column] = entries[number]
+                for number, column in direct_places:
+                    direct[lane, column] = entries[number]
+                if self.port.velocity is not None:
+                    plants[lane, fk.PUSH] = entries[-1]
+        plants[:, fk.LAW :] = laws
+        return plants, by_input, direct
+
+    def substeps(self, values: Floats, largest: float) -> int:
+        """Return the steps in a sample that keep the fastest rate times the step below ``largest``."""
+        from sysid.physics import forced_kernels as fk
+
+        n = self.order
+        plants, _, _ = self.coefficients(values, np.tile(NO_LAW, (values.shape[0], 1)))
+        fastest = 0.0
+        for row in plants:
+            matrix = row[fk.A : fk.A + 16].reshape(4, 4)[:n, :n]
+            if np.isfinite(matrix).all():
+                fastest = max(fastest, float(np.abs(np.linalg.eigvals(matrix)).max(initial=0.0)))
+        needed = int(np.ceil(fastest * self.period / largest))
+        return min(max(needed, 1), MOST_SUBSTEPS)
+
+    def run(
+        self,
+        values: Floats,
+        laws: Floats,
+        u: Floats,
+        starts: Floats | None = None,
+        substeps: int = 1,
+        states: Floats | None = None,
+    ) -> Floats:
+        """Simulate several runs.
+
+        Parameters
+        ----------
+        values : ndarray, shape (lanes, n_parameters)
+            Every parameter of the model, in its order.
+        laws : ndarray, shape (lanes, 16)
+            See `law`.
+        u : ndarray, shape (n_samples,), (n_samples, n_inputs) or (lanes, n_samples, n_inputs)
+        starts : ndarray, shape (lanes, n_states), optional
+            Initial states; at rest by default.
+        substeps : int
+            Runge-Kutta steps in a sample; a run without added forces is exact.
+        states : ndarray, shape (lanes, n_samples, n_states), optional
+            Filled with the states.
+
+        Returns
+        -------
+        ndarray, shape (lanes, n_samples)
+            Not a number from where a run diverges on.
+        """
+        from sysid.physics.forced_kernels import forced_runs, linear_runs
+
+        lanes = values.shape[0]
+        signal = u[np.newaxis, :, np.newaxis] if u.ndim == 1 else (u[np.newaxis] if u.ndim == 2 else u)
+        signal = np.ascontiguousarray(signal)
+        y = np.empty((lanes, signal.shape[1]))
+        at_start = np.zeros((lanes, MOST_STATES))
+        if starts is None:
+            starts = np.tile([state.rest for state in self.model.states], (lanes, 1))
+        at_start[:, : self.order] = starts[:, self.states_first]
+        inner = np.empty((lanes, signal.shape[1] if states is not None else 0, MOST_STATES))
+        arguments = self.coefficients(values, laws)
+        plants, by_input, direct = arguments
+        if np.array_equal(laws, np.broadcast_to(NO_LAW, laws.shape)):
+            linear_runs(plants, self.order, by_input, direct, signal, at_start, self.period, y, inner)
+        else:
+            step = self.period / substeps
+            forced_runs(
+                *(plants, self.order, self.same, by_input, direct, signal, at_start, step, substeps, y, inner)
+            )
+        if states is not None:
+            for k, state in enumerate(self.states_first):
+                states[:, :, state] = inner[:, :, k]
+        return y
+
+    def respond(self, values: Floats, force: Floats) -> Floats:
+        """Return the output, from rest, to a force alone, held between samples.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n_parameters,)
+        force : ndarray, shape (n_samples,)
+
+        Returns
+        -------
+        ndarray, shape (n_samples,)
+            Zero for a model without a moving body.
+        """
+        from sysid.physics import forced_kernels as fk
+        from sysid.physics.forced_kernels import linear_runs
+
+        plants, by_input, direct = self.coefficients(values[np.newaxis], NO_LAW[np.newaxis])
+        pushed = np.zeros((1, MOST_STATES, 1))
+        pushed[0, 0, 0] = plants[0, fk.PUSH]
+        plants[:, fk.STEADY : fk.STEADY + 4] = plants[:, fk.READ + 4] = 0.0
+        y = np.empty((1, force.size))
+        signal = np.ascontiguousarray(force)[np.newaxis, :, np.newaxis]
+        at_start, inner = np.zeros((1, MOST_STATES)), np.empty((1, 0, MOST_STATES))
+        linear_runs(plants, self.order, pushed, direct[:, :1] * 0.0, signal, at_start, self.period, y, inner)
+        return y[0]
+
+
+def _order(port: Port, n: int) -> list[int]:
+    """Return the states in the order of the kernels: velocity and position, or the levels, first."""
+    first = [*port.levels]
+    if port.velocity is not None and port.position is not None:
+        first = [port.velocity, *([port.position] if port.position != port.velocity else [])]
+    return [*first, *(i for i in range(n) if i not in first)]

@@ -1,0 +1,405 @@
+"""Compiled simulation of a linear plant with added forces: Runge-Kutta steps between located events.
+
+One compiled program serves every model of up to four states and every sum of effects: each effect
+only sets its coefficients in one law that holds all terms.
+
+Between two changes of the state of dry friction (sliding to one side, sliding to the other, sticking)
+the motion is smooth and a Runge-Kutta step of fourth order holds.  A step over a change is cut at the
+change: the velocity is zero there to rounding, and the force that would hold the body decides whether
+it sticks.  So nothing is regularised, and the error stays of fourth order in the step.
+
+The states are z0 .. z3 with the velocity first and the position second, or the levels of the tanks in
+this order; memory is the state of the elastic-plastic element.
+"""
+
+import math
+from collections.abc import Callable
+from typing import TypeVar, cast
+
+import numba
+import numpy as np
+
+from sysid._compile import compiled
+from sysid.linear.forms import Floats
+
+Kernel = TypeVar("Kernel", bound=Callable[..., object])
+State = tuple[float, float, float, float, float]
+
+MOST_STATES = 4
+# Where things stand in the vector of coefficients w: A by rows, constant rates, rates by the input,
+# rates by the force, output by the states and its constant; then the law.
+A, STEADY, DRIVE, PUSH, READ, LAW = 0, 16, 20, 24, 28, 33
+FRICTION_FORWARD, FRICTION_BACK = LAW, LAW + 1  # sliding friction to either side
+BREAKAWAY, STRIBECK_SPEED = LAW + 2, LAW + 3  # how much more friction at rest, and how fast it is lost
+DRAG, CUBIC = LAW + 4, LAW + 5
+GRAVITY, WAVE_NUMBER, CONSTANT = LAW + 6, LAW + 7, LAW + 8
+ELASTIC, YIELD = LAW + 9, LAW + 10  # stiffness and yield force of the elastic-plastic element
+GAIN, GAIN_SCALE = LAW + 11, LAW + 12
+ROOT = LAW + 13  # 1 where outflows go with the square root of the level
+FIRST_CAP, SECOND_CAP = LAW + 14, LAW + 15
+SIZE = LAW + 16
+N_LAW = 16
+
+SMOOTH, STUCK = 2, 0  # modes; 1 and -1 are sliding to either side
+# Changes that are located in one step; a body that chatters faster is held until the step's end.
+MOST_EVENTS = 40
+ROOT_STEPS = 60
+# An event's velocity or force is zero to this share of its change over the step.
+EVENT_TOLERANCE = 1e-13
+
+
+def inlined(function: Kernel) -> Kernel:
+    """Compile a function into its callers: a call would cost more than what it does."""
+    return cast(Kernel, numba.njit(forceinline=True, nogil=True)(function))
+
+
+@inlined
+def sliding_friction(w: Floats, velocity: float, side: int) -> float:
+    """Return the dry friction while sliding to one side."""
+    total = w[FRICTION_FORWARD] if side > 0 else w[FRICTION_BACK]
+    if w[BREAKAWAY] != 0.0:
+        ratio = velocity / w[STRIBECK_SPEED]
+        total += w[BREAKAWAY] * math.exp(-ratio * ratio)
+    return -side * total
+
+
+@inlined
+def smooth_force(w: Floats, position: float, velocity: float, memory: float) -> float:
+    """Return the sum of the forces that are continuous in position, velocity and memory."""
+    force = w[CONSTANT] - w[DRAG] * velocity * abs(velocity) - w[CUBIC] * position * position * position
+    if w[GRAVITY] != 0.0:
+        force -= w[GRAVITY] * math.sin(w[WAVE_NUMBER] * position)
+    return force - w[YIELD] * memory
+
+
+@inlined
+def rates(w: Floats, n: int, same: bool, z: State, mode: int) -> State:
+    """Return the derivative of states and memory; the velocity's as if no dry friction acted when stuck."""
+    z0, z1, z2, z3, memory = z
+    s0, s1 = min(z0, w[FIRST_CAP]), min(z1, w[SECOND_CAP])
+    factor = 1.0
+    if w[GAIN] != 0.0:
+        output = w[READ] * s0 + w[READ + 1] * s1 + w[READ + 2] * z2 + w[READ + 3] * z3 + w[READ + 4]
+        factor += w[GAIN] * math.tanh(output / w[GAIN_SCALE])
+    if w[ROOT] != 0.0:
+        s0, s1 = math.sqrt(max(s0, 0.0)), math.sqrt(max(s1, 0.0))
+    force = smooth_force(w, z0 if same else z1, z0, memory)
+    if mode == 1 or mode == -1:
+        force += sliding_friction(w, z0, mode)
+    d0 = w[STEADY] + factor * w[DRIVE] + w[PUSH] * force + w[A] * s0 + w[A + 1] * s1
+    d1 = w[STEADY + 1] + factor * w[DRIVE + 1] + w[PUSH + 1] * force + w[A + 4] * s0 + w[A + 5] * s1
+    d2 = d3 = 0.0
+    if n > 2:
+        d0 += w[A + 2] * z2 + w[A + 3] * z3
+        d1 += w[A + 6] * z2 + w[A + 7] * z3
+        d2 = w[STEADY + 2] + factor * w[DRIVE + 2] + w[PUSH + 2] * force
+        d2 += w[A + 8] * s0 + w[A + 9] * s1 + w[A + 10] * z2 + w[A + 11] * z3
+        d3 = w[STEADY + 3] + factor * w[DRIVE + 3] + w[PUSH + 3] * force
+        d3 += w[A + 12] * s0 + w[A + 13] * s1 + w[A + 14] * z2 + w[A + 15] * z3
+    change = 0.0
+    if w[YIELD] > 0.0:
+        change = w[ELASTIC] / w[YIELD] * (z0 - abs(z0) * memory)
+    return d0, d1, d2, d3, change
+
+
+@inlined
+def moved(z: State, d: State, step: float) -> State:
+    """Return the state moved along a rate."""
+    return (
+        z[0] + step * d[0],
+        z[1] + step * d[1],
+        z[2] + step * d[2],
+        z[3] + step * d[3],
+        z[4] + step * d[4],
+    )
+
+
+@inlined
+def kept(d: State, mode: int) -> State:
+    """Return the rates with the velocity's zero when stuck."""
+    return (0.0 if mode == STUCK else d[0]), d[1], d[2], d[3], d[4]
+
+
+@inlined
+def fourth_order_step(w: Floats, n: int, same: bool, z: State, mode: int, step: float) -> State:
+    """Return the state after a classical Runge-Kutta step."""
+    a = kept(rates(w, n, same, z, mode), mode)
+    b = kept(rates(w, n, same, moved(z, a, 0.5 * step), mode), mode)
+    c = kept(rates(w, n, same, moved(z, b, 0.5 * step), mode), mode)
+    d = kept(rates(w, n, same, moved(z, c, step), mode), mode)
+    sixth = step / 6.0
+    return (
+        z[0] + sixth * (a[0] + 2.0 * (b[0] + c[0]) + d[0]),
+        z[1] + sixth * (a[1] + 2.0 * (b[1] + c[1]) + d[1]),
+        z[2] + sixth * (a[2] + 2.0 * (b[2] + c[2]) + d[2]),
+        z[3] + sixth * (a[3] + 2.0 * (b[3] + c[3]) + d[3]),
+        z[4] + sixth * (a[4] + 2.0 * (b[4] + c[4]) + d[4]),
+    )
+
+
+@compiled
+def called_step(w: Floats, n: int, same: bool, z: State, mode: int, step: float) -> State:
+    """Return the same as `fourth_order_step`, where speed is not worth the code."""
+    return fourth_order_step(w, n, same, z, mode, step)
+
+
+@compiled
+def holding_force(w: Floats, n: int, same: bool, z: State) -> float:
+    """Return the force that keeps a body at zero velocity."""
+    return -rates(w, n, same, z, STUCK)[0] / w[PUSH]
+
+
+@compiled
+def margin(w: Floats, n: int, same: bool, z: State, mode: int) -> float:
+    """Return what is positive as long as the mode lasts."""
+    if mode != STUCK:
+        return mode * z[0]
+    holding = holding_force(w, n, same, z)
+    return min(holding - sliding_friction(w, 0.0, 1), sliding_friction(w, 0.0, -1) - holding)
+
+
+@compiled
+def mode_at_zero(w: Floats, n: int, same: bool, z: State) -> int:
+    """Return how a body at zero velocity goes on: stuck, or sliding to one side."""
+    holding = holding_force(w, n, same, z)
+    if holding < sliding_friction(w, 0.0, 1):
+        return 1
+    if holding > sliding_friction(w, 0.0, -1):
+        return -1
+    return STUCK
+
+
+@compiled
+def time_of_event(
+    w: Floats, n: int, same: bool, z: State, mode: int, near: float, far: float
+) -> tuple[float, State]:
+    """Return the step at whose end the mode ends, and the state there, by the Illinois regula falsi."""
+    at_near = margin(w, n, same, called_step(w, n, same, z, mode, near) if near > 0.0 else z, mode)
+    end = called_step(w, n, same, z, mode, far)
+    at_far = margin(w, n, same, end, mode)
+    size, middle, side = at_near - at_far, far, 0
+    for _ in range(ROOT_STEPS):
+        middle = (near * at_far - far * at_near) / (at_far - at_near)
+        end = called_step(w, n, same, z, mode, middle)
+        value = margin(w, n, same, end, mode)
+        if abs(value) <= EVENT_TOLERANCE * size or far - near <= 1e-15 * far:
+            break
+        if value > 0.0:
+            near, at_near = middle, value
+            if side == 1:
+                at_far *= 0.5
+            side = 1
+        else:
+            far, at_far = middle, value
+            if side == -1:
+                at_near *= 0.5
+            side = -1
+    return middle, end
+
+
+@compiled
+def cut_step(w: Floats, n: int, same: bool, z: State, mode: int, step: float) -> tuple[State, int]:
+    """Return state and mode after a step that is cut where sliding turns or sticking ends."""
+    left = step
+    for _ in range(MOST_EVENTS):
+        trial = called_step(w, n, same, z, mode, left)
+        if not margin(w, n, same, trial, mode) < 0.0:
+            return trial, mode
+        near, far = 0.0, left
+        if margin(w, n, same, z, mode) <= 0.0:
+            # The body has just begun to move: look for a shorter step after which it still does.
+            near = 0.5 * left
+            while near > 1e-9 * step:
+                if margin(w, n, same, called_step(w, n, same, z, mode, near), mode) > 0.0:
+                    break
+                far, near = near, 0.5 * near
+            else:
+                near = -1.0
+        before, taken = mode, 0.0
+        if near >= 0.0:
+            taken, z = time_of_event(w, n, same, z, mode, near, far)
+        z = (0.0, z[1], z[2], z[3], z[4])
+        left -= taken
+        mode = mode_at_zero(w, n, same, z)
+        if before == STUCK and mode == STUCK:  # at the edge to rounding: the force goes on growing
+            mode = -1 if holding_force(w, n, same, z) > 0.0 else 1
+        elif near < 0.0 and mode == before:  # it cannot move to this side, nor to the other
+            mode = STUCK
+        if left <= 0.0:
+            return z, mode
+    trial = called_step(w, n, same, z, STUCK, left)
+    return (0.0, trial[1], trial[2], trial[3], trial[4]), STUCK
+
+
+@compiled
+def forced_runs(
+    plants: Floats,
+    n: int,
+    same: bool,
+    by_input: Floats,
+    direct: Floats,
+    u: Floats,
+    starts: Floats,
+    step: float,
+    substeps: int,
+    y: Floats,
+    states: Floats,
+) -> None:
+    """Simulate several runs (lanes) of a plant with added forces.
+
+    Parameters
+    ----------
+    plants : ndarray, shape (lanes, SIZE)
+        Coefficients of each lane; those of the input are filled here.
+    n : int
+        Number of states.
+    same : bool
+        Whether the position is the velocity itself, as for the speed of a motor.
+    by_input : ndarray, shape (lanes, 4, m)
+        Rates by each input.
+    direct : ndarray, shape (lanes, m)
+        Output by each input.
+    u : ndarray, shape (1 or lanes, n_samples, m)
+    starts : ndarray, shape (lanes, 4)
+    step : float
+        Length of a Runge-Kutta step.
+    substeps : int
+        Steps in a sample.
+    y : ndarray, shape (lanes, n_samples)
+        Not a number from where a run diverges on.
+    states : ndarray, shape (lanes, n_samples, 4), or with 0 samples
+        Filled where it has room.
+    """
+    m = u.shape[2]
+    w = np.empty(SIZE)
+    for lane in range(plants.shape[0]):
+        source = lane if u.shape[0] > 1 else 0
+        w[:] = plants[lane]
+        dry = w[FRICTION_FORWARD] > 0.0 or w[FRICTION_BACK] > 0.0 or w[BREAKAWAY] != 0.0
+        z = (starts[lane, 0], starts[lane, 1], starts[lane, 2], starts[lane, 3], 0.0)
+        mode = SMOOTH
+        for k in range(u.shape[1]):
+            z = (min(z[0], w[FIRST_CAP]), min(z[1], w[SECOND_CAP]), z[2], z[3], z[4])
+            value = w[READ] * z[0] + w[READ + 1] * z[1] + w[READ + 2] * z[2] + w[READ + 3] * z[3] + w[READ + 4]
+            for j in range(m):
+                value += direct[lane, j] * u[source, k, j]
+            y[lane, k] = value
+            if states.shape[1] > 0:
+                states[lane, k, 0], states[lane, k, 1] = z[0], z[1]
+                states[lane, k, 2], states[lane, k, 3] = z[2], z[3]
+            if not math.isfinite(value):
+                y[lane, k:] = np.nan
+                break
+            for i in range(n):
+                rate = 0.0
+                for j in range(m):
+                    rate += by_input[lane, i, j] * u[source, k, j]
+                w[DRIVE + i] = rate
+            if dry:
+                if z[0] == 0.0:
+                    mode = mode_at_zero(w, n, same, z)
+                else:
+                    mode = 1 if z[0] > 0.0 else -1
+            for _ in range(substeps):
+                if not dry:
+                    z = fourth_order_step(w, n, same, z, SMOOTH, step)
+                    z = (min(z[0], w[FIRST_CAP]), min(z[1], w[SECOND_CAP]), z[2], z[3], z[4])
+                    continue
+                if mode != STUCK:
+                    trial = fourth_order_step(w, n, same, z, mode, step)
+                    if mode * trial[0] >= 0.0:
+                        z = trial
+                        continue
+                z, mode = cut_step(w, n, same, z, mode, step)
+
+
+@compiled
+def linear_runs(
+    plants: Floats,
+    n: int,
+    by_input: Floats,
+    direct: Floats,
+    u: Floats,
+    starts: Floats,
+    period: float,
+    y: Floats,
+    states: Floats,
+) -> None:
+    """Simulate several runs of a plant without added forces, exactly for an input held between samples.
+
+    Arguments as those of `forced_runs`.
+    """
+    m = u.shape[2]
+    size = n + m + 1
+    M, F, power = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
+    x, following = np.empty(n), np.empty(n)
+    for lane in range(plants.shape[0]):
+        source = lane if u.shape[0] > 1 else 0
+        w = plants[lane]
+        M[:] = 0.0
+        for i in range(n):
+            for j in range(n):
+                M[i, j] = w[A + 4 * i + j] * period
+            for j in range(m):
+                M[i, n + j] = by_input[lane, i, j] * period
+            M[i, n + m] = w[STEADY + i] * period
+            x[i] = starts[lane, i]
+        exponential(M, F, power)
+        for k in range(u.shape[1]):
+            value = w[READ + 4]
+            for i in range(n):
+                value += w[READ + i] * x[i]
+            for j in range(m):
+                value += direct[lane, j] * u[source, k, j]
+            y[lane, k] = value
+            if states.shape[1] > 0:
+                for i in range(n):
+                    states[lane, k, i] = x[i]
+            for i in range(n):
+                value = F[i, n + m]
+                for j in range(m):
+                    value += F[i, n + j] * u[source, k, j]
+                for j in range(n):
+                    value += F[i, j] * x[j]
+                following[i] = value
+            for i in range(n):
+                x[i] = following[i]
+
+
+@compiled
+def exponential(M: Floats, F: Floats, power: Floats) -> None:
+    """Fill F with exp(M): Taylor's series of a matrix halved until it is small, then squared."""
+    size = M.shape[0]
+    norm = 0.0
+    for i in range(size):
+        row = 0.0
+        for j in range(size):
+            row += abs(M[i, j])
+        norm = max(norm, row)
+    if not math.isfinite(norm):
+        F[:] = np.nan
+        return
+    squarings = 0
+    while norm > 0.25 and squarings < 60:
+        norm *= 0.5
+        squarings += 1
+    scale = 0.5**squarings
+    term = np.eye(size)
+    F[:] = term
+    for order in range(1, 12):  # 0.25**12 / 12! is below rounding
+        for i in range(size):
+            for j in range(size):
+                value = 0.0
+                for s in range(size):
+                    value += term[i, s] * M[s, j]
+                power[i, j] = value * scale / order
+        term[:] = power
+        F += term
+    for _ in range(squarings):
+        for i in range(size):
+            for j in range(size):
+                value = 0.0
+                for s in range(size):
+                    value += F[i, s] * F[s, j]
+                power[i, j] = value
+        F[:] = power
