@@ -35,7 +35,9 @@ _LAWS: Mapping[str, Callable[[Floats], Coefficients]] = {
 }
 # Coefficients of two effects that add up; one of the others cannot be in a law twice.
 _SUMS = ("friction_forward", "friction_back", "breakaway", "drag", "cubic", "constant")
-FORCES = ("force",)
+INNER = ("force", "gain", "flow")
+# A speed, scale or stiffness much below this share of what occurs makes a law a jump.
+SMALLEST_SHAPE = 1e-3
 
 
 def has_law(effect: Effect) -> bool:
@@ -65,10 +67,12 @@ def coefficients(choices: Sequence[Choice], parameters: Sequence[Floats]) -> Flo
     return law(**total)
 
 
-def lower_bound(effect: Effect, parameter: EffectParameter) -> float:
-    """Return the smallest value of a parameter: dry friction cannot drive the body."""
-    if effect.dry and parameter.is_strength and parameter.name != "Fs":
+def lower_bound(effect: Effect, parameter: EffectParameter, sizes: Mapping[str, float]) -> float:
+    """Return the smallest value of a parameter: dry friction cannot drive the body, nor fall at rest."""
+    if effect.dry and parameter.is_strength:
         return max(parameter.minimum, 0.0)
+    if effect.port in INNER and not parameter.is_strength and parameter.minimum == 0.0:
+        return SMALLEST_SHAPE * typical_size(parameter.unit, sizes)
     return parameter.minimum
 
 

@@ -138,7 +138,7 @@ class Problem:
         low = [_logarithm(p, p.minimum, -LARGEST_LOGARITHM) for p in self.setting.searched]
         high = [_logarithm(p, p.maximum, LARGEST_LOGARITHM) for p in self.setting.searched]
         for choice in self.choices:
-            low += [lower_bound(choice.effect, p) for p in choice.form.parameters]
+            low += [lower_bound(choice.effect, p, self.setting.sizes) for p in choice.form.parameters]
             high += [p.maximum for p in choice.form.parameters]
         unbounded = np.full(self.n_starts, np.inf)
         return np.concatenate([low, -unbounded]), np.concatenate([high, unbounded])
@@ -262,12 +262,17 @@ class Problem:
         lower, upper = self.bounds
         with np.errstate(all="ignore"):
             return descend(
-                lambda x: Residual(self.residual(x), lambda: np.nan_to_num(self.jacobian(x))),
+                lambda x: Residual(self.residual(x), lambda: finite(self.jacobian(x))),
                 np.clip(point, lower, upper),
                 bounds=(lower, upper),
                 negligible=tolerance,
                 max_evaluations=evaluations,
             )
+
+
+def finite(J: Floats) -> Floats:
+    """Return a Jacobian with zeros where a small move makes the model diverge."""
+    return np.nan_to_num(J, nan=0.0, posinf=0.0, neginf=0.0)
 
 
 def _logarithm(parameter: Parameter, value: float, unbounded: float) -> float:

@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.physics_problem import Problem
+from sysid.diagnosis.physics_problem import Problem, finite
 from sysid.separable.descent import Minimum, Residual
 
 # Share of a strength's typical size at which its linear effect is measured.
@@ -17,6 +17,8 @@ DRY_SIZES = (0.1, 0.5)
 MOST_COMBINATIONS = 64
 LANE_ROWS = 3_000_000
 REFINEMENTS, REFINED_POINTS = 3, 9
+CONTACT_SHARES = ((0.3, 3.0, 30.0), (0.1, 0.3, 0.8))
+SMALL = 1e-2
 RANK_TOLERANCE = 1e-9
 
 Scored = tuple[float, Floats]
@@ -27,7 +29,7 @@ class Tangent:
 
     def __init__(self, problem: Problem, point: Floats) -> None:
         with np.errstate(all="ignore"):
-            J = np.nan_to_num(problem.jacobian(point))
+            J = finite(problem.jacobian(point))
         J = J[:, np.linalg.norm(J, axis=0) > 0.0]
         scale = np.linalg.norm(J, axis=0)
         left, sizes, _ = np.linalg.svd(J / scale, full_matrices=False)
@@ -103,22 +105,33 @@ def _places(problem: Problem, new: Sequence[int]) -> tuple[list[int], list[int]]
 
 def _combinations(problem: Problem, new: Sequence[int]) -> list[tuple[float, ...]]:
     """Return the values of the shape parameters to be tried, thinned out where they are too many."""
-    record = problem.setting.record
-    rows = problem.rows
-    axes: list[list[float]] = []
-    for i in new:
-        form = problem.choices[i].form
-        starts = [s.tolist() for s in form.starts(record.u[rows, 0], record.y[rows, 0], record.period)]
-        if form.state:  # stiffness and yield force are in the model's own units
-            starts = [
-                [problem.sizes[problem.effect_places[i].start + j] * share for share in shares]
-                for j, shares in zip(form.shapes, ((0.3, 3.0, 30.0), (0.1, 0.3, 0.8)), strict=True)
-            ]
-        axes += starts
+    axes = [axis for i in new for axis in shape_values(problem, i)]
     while np.prod([len(axis) for axis in axes]) > MOST_COMBINATIONS:
         longest = max(range(len(axes)), key=lambda k: len(axes[k]))
         axes[longest] = axes[longest][::2] if len(axes[longest]) > 2 else axes[longest][:1]
     return list(product(*axes))
+
+
+def shape_values(problem: Problem, effect: int) -> list[list[float]]:
+    """Return the values of each shape parameter of an effect that are tried first."""
+    record, rows = problem.setting.record, problem.rows
+    form, first = problem.choices[effect].form, problem.effect_places[effect].start
+    if form.state:  # stiffness and yield force, relative to the forces in the model
+        return [
+            [float(problem.sizes[first + j] * share) for share in shares]
+            for j, shares in zip(form.shapes, CONTACT_SHARES, strict=False)
+        ]
+    u, y = record.u[rows, 0], record.y[rows, 0]
+    found = []
+    for parameter in form.parameters:
+        if parameter.grid is None:
+            continue
+        if parameter.grid.scale == "speed deviation":  # the model's speed, not the output's difference
+            values = np.array(parameter.grid.points) * problem.setting.sizes["v"]
+        else:
+            values = parameter.grid.values(u, y, record.period)
+        found.append(np.unique(np.clip(values, parameter.minimum, parameter.maximum)).tolist())
+    return found
 
 
 def _with_strengths(
@@ -185,5 +198,3 @@ def refined(
         width *= 0.3
     return minimum
 
-
-SMALL = 1e-2

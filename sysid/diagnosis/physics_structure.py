@@ -114,7 +114,7 @@ class PhysicsStructure:
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: int
     ) -> StructureFit:
         """Fit the model with these effects, from a fit with fewer (or other, or the same) effects."""
-        largest = COARSE_STEP if effort == 1 else FINE_STEP
+        largest = FINE_STEP if effort == 2 else COARSE_STEP
         problem = self._problem(choices, rows, noise, largest)
         kept = [choice for choice in choices if choice in start.choices]
         new = [i for i, choice in enumerate(choices) if choice not in start.choices]
@@ -271,14 +271,18 @@ class PhysicsStructure:
         end = self._with_states(local, x[:own])
         return local.run(part, end[np.newaxis], 0)[0]
 
+    def problem_of(self, fit: StructureFit, choices: Sequence[Choice] | None = None) -> Problem:
+        """Return the problem of a fit, or of the same rows with other effects."""
+        return self._problem(fit.choices if choices is None else choices, fit.rows, WHITE, COARSE_STEP)
+
     def tangent(self, fit: StructureFit) -> Floats:
         """Return the derivative of the free run by all parameters, shape (n_samples, n_parameters)."""
-        problem = self._problem(fit.choices, fit.rows, WHITE, COARSE_STEP)
+        problem = self.problem_of(fit)
         points, moved = problem.shifted(fit.point, range(problem.size))
-        outputs = self._runs(problem, points)
+        outputs = self.runs(problem, points)
         return np.asarray(((outputs[1:] - outputs[0]) / moved[:, np.newaxis]).T)
 
-    def _runs(self, problem: Problem, points: Floats) -> Floats:
+    def runs(self, problem: Problem, points: Floats) -> Floats:
         """Return free runs over every row, experiments without rows of the fit from rest."""
         numbers = {part.start: number for number, part in enumerate(problem.parts)}
         return np.concatenate(
