@@ -51,6 +51,7 @@ def results(found: list[dict[str, Any]], peers: Mapping[str, Any] | None = None)
     seeds = sorted({outcome["id"].split("-")[1] for outcome in found})
     return {
         "schema": 1,
+        "lead": "Records with hidden effects, diagnosed and compared with the truth.",
         "provenance": {
             "commit": commit(),
             "versions": {"python": python_version(), **{n: version(n) for n in ("numpy", "scipy", "numba")}},
@@ -61,7 +62,7 @@ def results(found: list[dict[str, Any]], peers: Mapping[str, Any] | None = None)
         },
         "papers": {
             PAPER: {
-                "title": TITLE,
+                "title": "Hidden effects",
                 "claims": [],
                 "gates": [gate.to_json() for gate in target_gates(summary)],
                 "monte_carlo": {},
