@@ -257,6 +257,13 @@ def test_demo_makes_a_record_and_reveals_its_truth(tmp_path, capsys):
     assert "not an answer of `sysid diagnose --json`" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("seed", range(1, len(SCENES) + 1))
+def test_every_scene_can_be_played(tmp_path, seed):
+    assert main(["demo", "--out", str(tmp_path), "--seed", str(seed)]) == 0
+    truth = reveal(tmp_path / "truth.sealed")[0]
+    assert (truth["family"], truth["effects"][0]["name"]) == SCENES[seed - 1]
+
+
 def test_demo_with_a_negative_seed_is_refused(tmp_path, capsys):
     assert main(["demo", "--out", str(tmp_path), "--seed", "-1"]) == 2
     assert "--seed is -1" in capsys.readouterr().err
