@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.diagnosis.effects.base import Effect, Floats
-from sysid.diagnosis.evidence import ScoreScreen, block_separation, remainder, score_screen
+from sysid.diagnosis.evidence import ScoreScreen, block_separation, orthonormal, remainder, score_screen
 from sysid.diagnosis.noise import Noise, noise_of
 from sysid.diagnosis.structures import Choice, Structure, StructureFit, filtered
 
@@ -19,8 +19,10 @@ TIED = 2.0
 # A further effect must explain this share of what all effects explain, or it is a detail of the first.
 LEAST_SHARE = 0.01
 # Something is left when the probes find this with a chance below it, and this share of the explainable.
-LEFT_P_VALUE = 1e-3
-LEFT_SHARE = 0.1
+LEFT_P_VALUE = 1e-4
+LEFT_SHARE = 0.004
+# Effects stay accepted beside something unexplained if they leave at most this share of the explainable.
+LEAST_EXPLAINED = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,13 +183,15 @@ class Search:
         candidates = [e for e in self.candidates if e.name not in current.names]
         if not candidates:
             return ()
-        screen = self._screen(current, candidates, self._noise(current))
+        screen = self._screen(current, candidates, self._colour(current))
         if further and screen.p_value(max(screen.statistics.values())) >= self.alpha:
             return ()  # the residual holds no structure any more
         ranking = sorted(candidates, key=lambda e: -screen.statistics[e.name])
         kept, left = ranking[:SCREENED], ranking[SCREENED:]
         trials = self._trials(current, kept, WHITE)
         noise = trials[0].noise
+        if trials[0].fit is None:
+            return ()
         if noise.order:
             # The colour is that under the best candidate: what is missing colours the baseline's residual.
             trials = self._trials(current, kept, noise.polynomial)
@@ -222,7 +226,7 @@ class Search:
                 continue
             choices = (*current.choices, Choice(effect, form))
             fit = self.structure.fit(choices, self.rows, noise, current, effort=effort)
-            if not np.isfinite(fit.cost):
+            if not (np.isfinite(fit.cost) and np.isfinite(fit.output[self.rows | self.held_out]).all()):
                 continue
             own = self._noise(fit)
             criterion = self._criterion(fit, own)
@@ -363,13 +367,14 @@ class Search:
     ) -> Decision:
         final = fits[-1] if fits else baseline
         noise, given = self._noise(final), tuple(effect.name for effect in self.given)
-        left_p, left_share, floor = self._left(baseline, final, noise)
+        left_p, left_share, floor = self._left(baseline, final)
         accepted = self._order(fits)
         if left_p < LEFT_P_VALUE and left_share > LEFT_SHARE:
-            rungs = tuple(fits[: len(given)])
+            useful = left_share <= 1.0 - LEAST_EXPLAINED
+            rungs = tuple(fits if useful else fits[: len(given)])
             return Decision(
-                "unexplained", baseline, rungs, given, trials, (), noise, left_p, left_share, floor,
-                tuple(accepted), given,
+                "unexplained", baseline, rungs, tuple(accepted) if useful else given, trials, (), noise,
+                left_p, left_share, floor, tuple(accepted), given,
             )  # fmt: skip
         if NOISE_EFFECT in self.names and noise.order and self._noise_accepted(final, noise):
             accepted.append(NOISE_EFFECT)
@@ -386,22 +391,18 @@ class Search:
             names += [name for name in fit.names if name not in names]
         return names
 
-    def _left(self, baseline: StructureFit, final: StructureFit, noise: Noise) -> tuple[float, float, float]:
+    def _left(self, baseline: StructureFit, final: StructureFit) -> tuple[float, float, float]:
         """Return whether anything is left to explain, what share of the explainable it is, and the floor."""
-        rows = self.rows
-
-        def white(columns: Floats) -> Floats:
-            return filtered(columns, rows, noise.polynomial)
-
-        found = remainder(
-            white(self._residual(final)),
-            white(self.structure.tangent(final)),
-            white(self.structure.probes(final)),
+        rows, residual = self.rows, self._residual(final)
+        tangent, probes = self.structure.tangent(final), self.structure.probes(final)
+        colour = self._colour(final, tangent, probes).polynomial
+        found = remainder(*(filtered(part, rows, colour) for part in (residual, tangent, probes)))
+        own = Noise(colour, 1.0, 0.0)
+        whole = self._cost(final, own)
+        gained = max(self._cost(baseline, own) - whole, 0.0)
+        floor = float(
+            np.sqrt(np.mean(residual[rows] ** 2) * max(1.0 - found.explained / max(whole, 1e-300), 0.0))
         )
-        gained = max(self._cost(baseline, noise) - self._cost(final, noise), 0.0)
-        whole = self._cost(final, noise)
-        plain = float(np.mean(self._residual(final)[rows] ** 2))
-        floor = float(np.sqrt(plain * max(1.0 - found.explained / max(whole, 1e-300), 0.0)))
         return found.p_value, found.explained / max(found.explained + gained, 1e-300), floor
 
     def _noise_accepted(self, fit: StructureFit, noise: Noise) -> bool:
@@ -414,6 +415,21 @@ class Search:
         plain = self._held_out_error(fit, WHITE)
         return p_value < self.alpha and noise.gain > 0 and self._held_out_error(fit, noise.polynomial) < plain
 
+    def _colour(
+        self, fit: StructureFit, tangent: Floats | None = None, probes: Floats | None = None
+    ) -> Noise:
+        """Return the colour of what the probes leave of a residual.
+
+        The residual's own autoregression would swallow a drift or a periodic remainder.
+        """
+        rows, residual = self.rows, self._residual(fit)
+        tangent = self.structure.tangent(fit) if tangent is None else tangent
+        probes = self.structure.probes(fit) if probes is None else probes
+        columns = orthonormal(np.hstack([tangent[rows], probes[rows]]))
+        rest = np.zeros(residual.size)
+        rest[rows] = residual[rows] - columns @ (columns.T @ residual[rows])
+        return noise_of(rest, rows)
+
     def _refitted(self, fit: StructureFit, noise: Noise) -> StructureFit:
         if noise.order == 0:
             return fit
@@ -421,7 +437,7 @@ class Search:
 
     def _residual(self, fit: StructureFit) -> Floats:
         with np.errstate(invalid="ignore"):
-            return np.where(np.isfinite(self.y), self.y - fit.output, 0.0)
+            return np.where(np.isfinite(self.y) & np.isfinite(fit.output), self.y - fit.output, 0.0)
 
     def _noise(self, fit: StructureFit) -> Noise:
         return noise_of(self._residual(fit), self.rows)

@@ -9,7 +9,14 @@ import numpy as np
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats, Map
 from sysid.diagnosis.effects.laws import drive_of, no_drive, pointer_of
-from sysid.diagnosis.linear_kernels import chosen_filtered, driven, simulate, simulate_driven, tangent
+from sysid.diagnosis.linear_kernels import (
+    chosen_filtered,
+    driven,
+    is_stable,
+    simulate,
+    simulate_driven,
+    tangent,
+)
 from sysid.diagnosis.structures import Choice
 from sysid.errors import UsageError
 
@@ -155,6 +162,8 @@ class Chain:
         n, starts = self.order, self._starts(data, point)
         constant = point[2 * n] if self.constant else 0.0
         if not self.drives:
+            if not is_stable(point[:n]):  # it would diverge on later rows; a force may hold such a plant
+                return False
             v[:] = x
             return bool(simulate(x, point[:n], point[n : 2 * n], constant, starts, data.begin, z))
         p, q = self._law_parameters(data, point)

@@ -35,6 +35,26 @@ def _with_drives(*signature: Any) -> Any:
 
 
 @compiled
+def is_stable(a: Floats) -> bool:
+    """Tell whether all poles lie within the unit circle (Schur-Cohn: no reflection above 1).
+
+    A pole on the circle, an integrator, is let through with its rounding.
+    """
+    current = a.copy()
+    for order in range(a.shape[0], 0, -1):
+        reflection = current[order - 1]
+        if not abs(reflection) <= 1.0 + 1e-9:
+            return False
+        if abs(reflection) >= 1.0:
+            return True
+        following = current.copy()
+        for i in range(order - 1):
+            following[i] = (current[i] - reflection * current[order - 2 - i]) / (1.0 - reflection**2)
+        current = following
+    return True
+
+
+@compiled
 def simulate(x: Floats, a: Floats, b: Floats, constant: float, start: Floats, begin: Any, z: Floats) -> bool:
     """Fill ``z`` where nothing is fed back; return False if the run diverges."""
     order = a.shape[0]

@@ -26,6 +26,7 @@ HIGHEST_ORDER = 6
 # A higher order must lower the validation error by at least this share.
 WORTHWHILE = 0.02
 AGREEMENT = 1e-3
+RESTARTS, SPREAD, RESTART_SEED = 12, 0.4, 3
 
 
 class LinearStructure:
@@ -98,7 +99,35 @@ class LinearStructure:
         minimum = minimise(chain, data, point if minimum is None else minimum.point, WHITE)
         if minimum is None:
             raise DataError("the baseline diverges in simulation: give another --order")
-        return self._fitted(chain, data, rows, minimum, fit.restarts_agree, fit.status)
+        if fit.restarts_agree:
+            return self._fitted(chain, data, rows, minimum, True, fit.status)
+        minimum, agree = self._restarted(chain, data, minimum)
+        end = (
+            "restarts from moved parameters agree"
+            if agree
+            else "restarts from moved parameters end elsewhere"
+        )
+        return self._fitted(chain, data, rows, minimum, agree, end)
+
+    def _restarted(self, chain: Chain, data: Data, best: Minimum) -> tuple[Minimum, bool]:
+        """Search again from moved parameters; tell whether another search ends at the least cost."""
+        rng, ends, n = np.random.default_rng(RESTART_SEED), [best], self.order
+        poles = np.roots(np.concatenate([[1.0], best.point[:n]])).astype(complex)
+        for _ in range(RESTARTS):
+            # Conjugate poles move together: their time constants are stretched by the same factor.
+            stretch = np.exp(SPREAD * rng.standard_normal(n))
+            stretch = np.where(poles.imag != 0.0, stretch[0], stretch)
+            moved = np.exp(np.log(np.where(poles == 0.0, 1e-6, poles)) * stretch)
+            start = best.point.copy()
+            start[:n] = np.real(np.poly(moved))[1:]
+            linear = np.arange(start.size) >= n
+            end = minimise(chain, data, start, WHITE, free=linear, iterations=2)
+            end = None if end is None else minimise(chain, data, end.point, WHITE)
+            if end is not None:
+                ends.append(end)
+        ends.sort(key=lambda end: end.cost)
+        agree = [end for end in ends[1:] if end.cost <= ends[0].cost * (1.0 + AGREEMENT)]
+        return ends[0], bool(agree)
 
     def directions(self, fit: StructureFit, effect: Effect) -> list[Floats]:
         """Return how an effect would change the free run of a fit, at a grid of its shapes."""

@@ -46,7 +46,9 @@ def _of_form(
     first = problem.effect_places[-1].start
     start = problem_point(problem, before, fit.point)
     shapes = _thinned(list(product(*shape_values(problem, len(fit.choices)))), choice.form)
-    size = (DRY_PROBE if choice.effect.dry else PROBE) * problem.sizes[first : first + len(choice.form.parameters)]
+    size = (DRY_PROBE if choice.effect.dry else PROBE) * problem.sizes[
+        first : first + len(choice.form.parameters)
+    ]
     points, probed = [], []
     for values in shapes:
         point = start.copy()
@@ -63,7 +65,9 @@ def _of_form(
     for number in range(len(shapes)):
         change = runs[number * count : (number + 1) * count] - base
         if np.isfinite(change).all():
-            found.append(np.ascontiguousarray((change / size[strengths, np.newaxis] if strengths else change).T))
+            found.append(
+                np.ascontiguousarray((change / size[strengths, np.newaxis] if strengths else change).T)
+            )
     return found
 
 
@@ -141,5 +145,3 @@ def _scaled(signal: Floats) -> Floats:
 
 def _lagged(signal: Floats, lag: int) -> Floats:
     return np.concatenate([np.zeros(min(lag, signal.size)), signal[: max(signal.size - lag, 0)]])
-
-

@@ -197,4 +197,3 @@ def refined(
             minimum = trial if trial.cost < minimum.cost else minimum
         width *= 0.3
     return minimum
-

@@ -89,6 +89,7 @@ EFFECTS = (
                     ),
                 ),
                 _step,
+                smooth=False,
             ),
         ),
     ),

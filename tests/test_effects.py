@@ -1,0 +1,121 @@
+"""The catalogue of effects: names, maps against their definitions, effects of one's own."""
+
+import numpy as np
+import pytest
+
+from sysid.cli import main
+from sysid.diagnosis.effects import Effect, EffectParameter, Form, catalogue, find_effects, read_effects
+from sysid.diagnosis.effects.laws import drive_of
+from sysid.errors import ModelError
+
+NAMES = """in_saturation in_deadzone in_preload in_relay in_backlash in_delay in_rate_limit in_hysteresis
+out_saturation out_offset out_drift out_quantisation out_rectify out_quadratic out_delay out_lowpass
+coulomb stribeck quad_drag cubic_stiffness op_gain sqrt_outflow overflow hysteresis_force gravity_sine
+constant_force asymmetric_friction extra_mode feedthrough time_variation coloured_noise""".split()
+
+U = np.array([0.0, 0.4, 1.3, 2.0, 0.7, -0.2, -1.9, -0.6, 0.1])
+
+
+def test_the_catalogue_holds_every_effect_with_its_story():
+    effects = {effect.name: effect for effect in catalogue()}
+    assert set(NAMES) <= set(effects)
+    for effect in effects.values():
+        assert all((effect.mechanism, effect.equation, effect.signature, effect.look_alikes, effect.reference))
+        for form in effect.forms:
+            assert all(parameter.meaning and parameter.unit for parameter in form.parameters)
+
+
+def mapped(name, form, parameters, sequence=U, period=0.5):
+    (effect,) = find_effects([name])
+    return effect.form(form).apply(np.asarray(sequence), np.asarray(parameters, dtype=float), period)
+
+
+@pytest.mark.parametrize(
+    ("name", "form", "parameters", "expected"),
+    [
+        ("in_saturation", "two-sided", [0.5, 1.0], lambda u: min(max(u, -0.5), 1.0)),
+        ("in_deadzone", "two-sided", [0.5, 1.0], lambda u: u - 1 if u > 1 else u + 0.5 if u < -0.5 else 0.0),
+        ("in_preload", "two-sided", [0.5, 1.0], lambda u: u + (1.0 if u > 0 else -0.5 if u < 0 else 0.0)),
+        ("in_relay", "symmetric", [0.5], lambda u: float(np.sign(u)) if abs(u) > 0.5 else 0.0),
+        ("out_quadratic", "quadratic", [0.3], lambda u: u + 0.3 * u * u),
+        ("out_quantisation", "round", [0.5], lambda u: 0.5 * round(u / 0.5)),
+        ("out_rectify", "half-wave", [], lambda u: max(u, 0.0)),
+        ("out_saturation", "symmetric", [0.9], lambda u: min(max(u, -0.9), 0.9)),
+    ],
+)
+def test_a_static_map_is_its_formula(name, form, parameters, expected):
+    assert np.allclose(mapped(name, form, parameters), [expected(u) for u in U], atol=1e-15)
+
+
+def test_maps_with_memory_against_slow_definitions():
+    x, play = 0.0, []
+    for u in U:
+        x = u - 0.6 if x < u - 0.6 else u + 0.6 if x > u + 0.6 else x
+        play.append(x)
+    assert np.allclose(mapped("in_backlash", "symmetric", [0.6]), play)
+    # 0.8 s are 1.6 samples of 0.5 s.
+    delayed = [0.4 * (U[k - 1] if k > 0 else 0) + 0.6 * (U[k - 2] if k > 1 else 0) for k in range(U.size)]
+    assert np.allclose(mapped("in_delay", "delay", [0.8]), delayed)
+    limited, x = [], U[0]
+    for u in U:
+        x += np.clip(u - x, -0.35, 0.35)
+        limited.append(x)
+    assert np.allclose(mapped("in_rate_limit", "symmetric", [0.7]), limited)
+    assert mapped("in_hysteresis", "symmetric", [1.0]).tolist() == [-1, -1, 1, 1, 1, 1, -1, -1, -1]
+    assert np.allclose(mapped("out_drift", "linear", [2.0]), U + 2.0 * 0.5 * np.arange(U.size))
+
+
+def test_a_mode_is_the_discretised_oscillator():
+    from scipy.signal import lfilter
+
+    frequency, damping, period = 3.0, 0.1, 0.5
+    pole = np.exp(period * frequency * (-damping + 1j * np.sqrt(1 - damping**2)))
+    expected = lfilter([0.0, 0.2, 0.1], [1.0, -2 * pole.real, abs(pole) ** 2], U)
+    assert np.allclose(mapped("extra_mode", "second order", [frequency, damping, 0.2, 0.1]), expected, atol=1e-13)
+
+
+def test_a_law_is_its_expression():
+    drag, gain = find_effects(["quad_drag", "op_gain"])
+    assert drive_of(drag, drag.forms[0])(1.0, 5.0, -3.0, np.array([0.2])) == pytest.approx(1.0 + 0.2 * 9.0)
+    acting = drive_of(gain, gain.forms[0])(2.0, 0.7, 9.0, np.array([0.3, 0.5]))
+    assert acting == pytest.approx(2.0 * (1.0 + 0.3 * np.tanh(0.7 / 0.5)))
+
+
+def test_an_effect_of_ones_own_in_python_and_in_toml(tmp_path):
+    cube = Effect(
+        "in_cube", "input", "", "x = u + c u^3", "", "", "",
+        (Form("cube", (EffectParameter("c", "1/[u]^2", "curvature"),), lambda u, p, period: u + p[0] * u**3),),
+    )  # fmt: skip
+    assert find_effects([cube, "coulomb"])[0].forms[0].apply(U, np.array([2.0]), 1.0)[2] == 1.3 + 2 * 1.3**3
+    file = tmp_path / "mine.toml"
+    file.write_text('[in_cube]\nport = "input"\nexpression = "s + c*s**3"\nparameters.c.unit = "1/[u]^2"\n')
+    (read,) = read_effects(file)
+    assert np.allclose(read.forms[0].apply(U, np.array([2.0]), 1.0), U + 2 * U**3)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('[a]\nexpression = "os"\nport = "input"', "symbol 'os' is not known"),
+        ('[a]\nport = "nowhere"\nexpression = "x"', "port 'nowhere' is not known"),
+        ('[a]\nexpression = "x"\ncolour = 1', "key 'colour' is not known"),
+        ("[a]\nport = 1", "give a table with port"),
+        ("no toml", "is not TOML"),
+        ('[a]\nexpression = "k*x"\nparameters.k.grid = { scale = "elephant", points = [1] }', "scale 'elephant'"),
+    ],
+)
+def test_a_bad_effect_is_one_clear_sentence(tmp_path, text, message):
+    file = tmp_path / "bad.toml"
+    file.write_text(text)
+    with pytest.raises(ModelError, match=message):
+        read_effects(file)[0].forms[0].apply(U, np.zeros(0), 1.0)
+
+
+def test_the_command_lists_and_explains(capsys):
+    assert main(["effects"]) == 0
+    listed = capsys.readouterr().out
+    assert all(name in listed for name in NAMES)
+    assert main(["effects", "in_backlash"]) == 0
+    assert "play operator" in capsys.readouterr().out
+    assert main(["effects", "in_backlsh"]) == 2
+    assert "effect 'in_backlsh' is not known" in capsys.readouterr().err
