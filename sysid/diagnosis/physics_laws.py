@@ -1,8 +1,12 @@
 """Effects inside the dynamics as coefficients of the one law the fast simulation knows."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
 
-from sysid.diagnosis.effects.base import Effect, EffectParameter, Floats
+import numpy as np
+
+from sysid.diagnosis.effects.base import Effect, EffectParameter, Floats, Grid, Map
 from sysid.diagnosis.structures import Choice
 from sysid.physics.forced import law
 
@@ -31,11 +35,13 @@ _LAWS: Mapping[str, Callable[[Floats], Coefficients]] = {
     "constant_force": lambda p: {"constant": -p[0]},
     "op_gain": lambda p: {"gain": p[0], "gain_scale": max(p[1], 1e-300)},
     "sqrt_outflow": lambda p: {"root": 1.0},
-    "overflow": lambda p: {"first_cap": p[0], "second_cap": p[-1]},
+    "overflow": lambda p: {"first_cap": p[0], "second_cap": p[min(1, p.size - 1)], "caught": sum(p[2:])},
 }
 # Coefficients of two effects that add up; one of the others cannot be in a law twice.
 _SUMS = ("friction_forward", "friction_back", "breakaway", "drag", "cubic", "constant")
 INNER = ("force", "gain", "flow")
+# Effects that put out one of a few values.
+SWITCHES = ("in_relay", "in_hysteresis")
 # A speed, scale or stiffness much below this share of what occurs makes a law a jump.
 SMALLEST_SHAPE = 1e-3
 
@@ -48,7 +54,7 @@ def has_law(effect: Effect) -> bool:
 
 
 def coefficients(choices: Sequence[Choice], parameters: Sequence[Floats]) -> Floats:
-    """Return the law of a sum of effects, shape (16,).
+    """Return the law of a sum of effects, shape (17,).
 
     Examples
     --------
@@ -74,6 +80,34 @@ def lower_bound(effect: Effect, parameter: EffectParameter, sizes: Mapping[str, 
     if effect.port in INNER and not parameter.is_strength and parameter.minimum == 0.0:
         return SMALLEST_SHAPE * typical_size(parameter.unit, sizes)
     return parameter.minimum
+
+
+@lru_cache(maxsize=16)
+def with_level(effect: Effect) -> Effect:
+    """Return a switch with the level between which it switches as a parameter of its own.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sysid.diagnosis.effects import find_effects
+    >>> relay = with_level(find_effects(["in_relay"])[0]).forms[0]
+    >>> relay.apply(np.array([-2.0, 0.1, 2.0]), np.array([1.0, 5.0]), 0.1)
+    array([-5.,  0.,  5.])
+    """
+    level = EffectParameter("level", "[u]", "value when on", Grid("input deviation", (1.0,)), minimum=0.0)
+    forms = tuple(
+        replace(form, parameters=(*form.parameters, level), apply=_levelled(form.apply))
+        for form in effect.forms
+        if form.apply is not None
+    )
+    return replace(effect, forms=forms)
+
+
+def _levelled(apply: Map) -> Map:
+    def scaled(sequence: Floats, p: Floats, period: float) -> Floats:
+        return np.asarray(p[-1] * apply(sequence, p[:-1], period))
+
+    return scaled
 
 
 def typical_size(unit: str, sizes: Mapping[str, float]) -> float:

@@ -16,6 +16,8 @@ from sysid.physics.model import Parameter
 from sysid.separable.descent import Minimum, Residual, descend
 
 LARGEST_LOGARITHM = 60.0
+# A value known within some 20 % stays within a factor of exp(3) = 20, whatever the effects do to it.
+FURTHEST = 3.0
 # Step of the difference quotients, relative to the size of the unknown: truncation and rounding both
 # stay below 1e-5 of the derivative.
 DIFFERENCE = 1e-6
@@ -86,8 +88,8 @@ class Problem:
         Rows that count.
     noise : ndarray
         D(q) by which the residual is filtered.
-    substeps : int
-        Runge-Kutta steps in a sample.
+    largest : float
+        Largest product of the model's fastest rate and the Runge-Kutta step.
     free_start : bool, optional
         As the setting has it by default.
     """
@@ -98,11 +100,11 @@ class Problem:
         choices: Sequence[Choice],
         rows: Mask,
         noise: Floats,
-        substeps: int,
+        largest: float,
         free_start: bool | None = None,
     ) -> None:
         self.setting, self.choices, self.rows, self.noise = setting, tuple(choices), rows, noise
-        self.substeps = substeps
+        self.largest = largest
         self.free_start = setting.free_start if free_start is None else free_start
         record = setting.record
         self.parts = [part for part in record.slices if rows[part].any()]
@@ -140,6 +142,10 @@ class Problem:
         for choice in self.choices:
             low += [lower_bound(choice.effect, p, self.setting.sizes) for p in choice.form.parameters]
             high += [p.maximum for p in choice.form.parameters]
+        near = np.array([p.positive and p.status == "uncertain" for p in self.setting.searched], dtype=bool)
+        n, nominal = self.n_model, self.setting.nominal
+        low[:n] = np.where(near, np.maximum(low[:n], nominal - FURTHEST), low[:n]).tolist()
+        high[:n] = np.where(near, np.minimum(high[:n], nominal + FURTHEST), high[:n]).tolist()
         unbounded = np.full(self.n_starts, np.inf)
         return np.concatenate([low, -unbounded]), np.concatenate([high, unbounded])
 
@@ -154,17 +160,26 @@ class Problem:
         states = np.tile(self.setting.state_sizes, len(self.parts) if self.free_start else 0)
         return np.concatenate([own, states])
 
-    def outputs(self, points: Floats) -> Floats:
+    def outputs(self, points: Floats, *, rounded: bool = True) -> Floats:
         """Return the free run on the rows that count, unfiltered, shape (lanes, n_rows)."""
+        runs = (self.run(part, points, number, rounded=rounded) for number, part in enumerate(self.parts))
         return np.concatenate(
-            [self.run(part, points, number)[:, self.rows[part]] for number, part in enumerate(self.parts)],
-            axis=1,
+            [run[:, self.rows[part]] for run, part in zip(runs, self.parts, strict=True)], axis=1
         )
 
-    def run(self, part: slice, points: Floats, number: int | None, states: Floats | None = None) -> Floats:
+    def run(
+        self,
+        part: slice,
+        points: Floats,
+        number: int | None,
+        states: Floats | None = None,
+        *,
+        rounded: bool = True,
+    ) -> Floats:
         """Simulate one experiment for several points, shape (lanes, n_rows).
 
-        ``number`` says whose initial state in the point counts; None for rest.
+        ``number`` says whose initial state in the point counts; None for rest.  Unless ``rounded``,
+        sensors that jump and follow their input on the whole are left out, as derivatives want it.
         """
         setting = self.setting
         plant = setting.plant
@@ -179,8 +194,8 @@ class Problem:
             starts = points[:, first : first + plant.order]
         u = setting.record.u[part]
         driven = self._inputs(u, effects)
-        y = plant.run(values, laws, driven, starts, self.substeps, states)
-        return self._outputs(y, u[:, 0], effects)
+        y = plant.run(values, laws, driven, starts, plant.substeps(values[:1], self.largest), states)
+        return self._outputs(y, u[:, 0], effects, rounded)
 
     def _inputs(self, u: Floats, effects: Sequence[Sequence[Floats]]) -> Floats:
         """Send the first input through the effects at the input, if there are any."""
@@ -195,10 +210,15 @@ class Problem:
             driven[lane, :, 0] = signal
         return driven
 
-    def _outputs(self, y: Floats, u: Floats, effects: Sequence[Sequence[Floats]]) -> Floats:
+    def _outputs(self, y: Floats, u: Floats, effects: Sequence[Sequence[Floats]], rounded: bool) -> Floats:
         """Send the output through the sensor's effects, after what runs beside the model is added."""
         beside = [i for i, choice in enumerate(self.choices) if choice.effect.port == "parallel"]
-        sensor = [i for i, choice in enumerate(self.choices) if choice.effect.port == "output"]
+        sensor = [
+            i
+            for i, choice in enumerate(self.choices)
+            if choice.effect.port == "output"
+            and (rounded or choice.form.smooth or choice.form.slope != "identity")
+        ]
         for lane, parameters in enumerate(effects if beside or sensor else ()):
             signal = y[lane]
             for i in beside:
@@ -213,9 +233,9 @@ class Problem:
         assert apply is not None
         return apply(np.ascontiguousarray(signal), parameters, self.setting.record.period)
 
-    def errors(self, points: Floats) -> Floats:
+    def errors(self, points: Floats, *, rounded: bool = True) -> Floats:
         """Return the filtered residual of several points, shape (lanes, n_rows)."""
-        outputs = self.outputs(points)
+        outputs = self.outputs(points, rounded=rounded)
         out = outputs
         if self.noise.size > 1:
             out = outputs.copy()
@@ -238,7 +258,7 @@ class Problem:
 
     def shifted(self, point: Floats, columns: Sequence[int]) -> tuple[Floats, Floats]:
         """Return the point and copies with one unknown moved in each, and how far."""
-        lower, upper = self.bounds
+        _, upper = self.bounds
         step = DIFFERENCE * np.maximum(np.abs(point), SMALLEST_SHARE * self.sizes)
         step[: self.n_model] = np.where(self.setting.positive, DIFFERENCE, step[: self.n_model])
         step = np.where(point + step > upper, -step, step)
@@ -252,7 +272,7 @@ class Problem:
         """Return the derivative of the residual by difference quotients; zero for what is held."""
         columns = np.flatnonzero(~self.held)
         points, moved = self.shifted(point, columns.tolist())
-        errors = self.errors(points)
+        errors = self.errors(points, rounded=False)
         J = np.zeros((errors.shape[1], self.size))
         J[:, columns] = ((errors[1:] - errors[0]) / moved[:, np.newaxis]).T
         return J

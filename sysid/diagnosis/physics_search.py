@@ -16,9 +16,8 @@ SHARES = (1.0, 0.3)
 DRY_SIZES = (0.1, 0.5)
 MOST_COMBINATIONS = 64
 LANE_ROWS = 3_000_000
-REFINEMENTS, REFINED_POINTS = 3, 9
+REFINEMENTS, REFINED_POINTS = 3, 25
 CONTACT_SHARES = ((0.3, 3.0, 30.0), (0.1, 0.3, 0.8))
-SMALL = 1e-2
 RANK_TOLERANCE = 1e-9
 
 Scored = tuple[float, Floats]
@@ -96,7 +95,8 @@ def problem_point(problem: Problem, before: Problem, known: Floats) -> Floats:
 
 
 def _places(problem: Problem, new: Sequence[int]) -> tuple[list[int], list[int]]:
-    shapes, strengths = [], []
+    shapes: list[int] = []
+    strengths: list[int] = []
     for i in new:
         for j, parameter in enumerate(problem.choices[i].form.parameters):
             (strengths if parameter.is_strength else shapes).append(problem.effect_places[i].start + j)
@@ -175,25 +175,34 @@ def refined(
     problem: Problem, minimum: Minimum[Residual], evaluations: int, tolerance: float
 ) -> Minimum[Residual]:
     """Search the shape parameters on which the output depends by jumps: scan, descend, scan closer."""
-    jumping = [
-        place.start + j
-        for choice, place in zip(problem.choices, problem.effect_places, strict=True)
-        if not choice.form.smooth
-        for j in choice.form.shapes
-    ]
-    if not jumping:
-        return minimum
     lower, upper = problem.bounds
-    width = 0.5
-    for _ in range(REFINEMENTS):
-        for place in jumping:
-            centre = max(abs(minimum.x[place]), SMALL * problem.sizes[place])
+    for place, grid in _jumping(problem):
+        low, high = _neighbours(grid, minimum.x[place])
+        for _ in range(REFINEMENTS):
+            values = np.clip(np.linspace(low, high, REFINED_POINTS), lower[place], upper[place])
             points = np.tile(minimum.x, (REFINED_POINTS, 1))
-            points[:, place] = minimum.x[place] + centre * np.linspace(-width, width, REFINED_POINTS)
-            points = np.clip(points, lower, upper)
+            points[:, place] = values
             errors = Tangent(problem, minimum.x).outside(in_lanes(problem, points))
             costs = np.nan_to_num(np.einsum("ij,ij->i", errors, errors), nan=np.inf)
             trial = problem.descend(points[int(np.argmin(costs))], evaluations, tolerance)
             minimum = trial if trial.cost < minimum.cost else minimum
-        width *= 0.3
+            width = 1.5 * (high - low) / (REFINED_POINTS - 1)
+            low, high = minimum.x[place] - width, minimum.x[place] + width
     return minimum
+
+
+def _jumping(problem: Problem) -> list[tuple[int, list[float]]]:
+    """Return the shape parameters on which the output depends by jumps, with their grids."""
+    found = []
+    for i, (choice, place) in enumerate(zip(problem.choices, problem.effect_places, strict=True)):
+        if not choice.form.smooth:
+            grids = shape_values(problem, i)
+            found += [(place.start + j, grid) for j, grid in zip(choice.form.shapes, grids, strict=True)]
+    return [item for item in found if len(item[1]) > 1]
+
+
+def _neighbours(grid: list[float], value: float) -> tuple[float, float]:
+    """Return the points of a grid on either side of a value."""
+    below = [point for point in grid if point < 0.999 * value]
+    above = [point for point in grid if point > 1.001 * value]
+    return below[-1] if below else 0.5 * value, above[0] if above else 2.0 * value

@@ -8,11 +8,13 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, Floats
-from sysid.diagnosis.physics_laws import has_law
+from sysid.diagnosis.effects.catalogue import find_effects
+from sysid.diagnosis.physics_laws import SWITCHES, has_law, with_level
 from sysid.diagnosis.physics_problem import Problem, Setting
-from sysid.diagnosis.physics_search import grid_starts, problem_point, refined
+from sysid.diagnosis.physics_search import Tangent, grid_starts, problem_point, refined
+from sysid.diagnosis.physics_starts import wide_starts
 from sysid.diagnosis.structures import Choice, FittedParameter, StructureFit
-from sysid.errors import IdentifiabilityError
+from sysid.errors import IdentifiabilityError, ModelError
 from sysid.linear.simulation import first_rows
 from sysid.physics.forced import NO_LAW, ForcedPlant
 from sysid.physics.model import Model
@@ -21,7 +23,7 @@ from sysid.separable.descent import Minimum, Residual
 # Fastest rate times the Runge-Kutta step: the run's relative error is about its fourth power / 120.
 COARSE_STEP, FINE_STEP = 0.35, 0.2
 SEARCH_ROWS = 8_000
-RESTARTS = 4
+RESTARTS, MORE_RESTARTS = 4, 16
 SPREAD = 0.25
 # Two searches agree when their root mean square errors differ by this share, and their outputs by less than
 # that share of the error.
@@ -30,6 +32,11 @@ SEED = 7
 EVALUATIONS = (40, 14, 60)
 TOLERANCES = (1e-7, 1e-4, 1e-7)
 DESCENTS = (1, 2, 4)
+# The input counts as smooth between samples when that lowers the error to this share at least.
+SMOOTHER = 0.7
+GAIN_ROWS, SAME_DIRECTION = 1_000, 1e-4
+# A held input has power up to the Nyquist frequency: less than this share above this frequency is none.
+UPPER_FREQUENCY, UPPER_POWER = 0.8, 1e-4
 WHITE = np.ones(1)
 
 
@@ -53,12 +60,29 @@ class PhysicsStructure:
         if self.own_constant:
             model = model.with_parameters(fixed={self.own_constant: 0.0})
             plant = ForcedPlant(model, record.period)
-        self.model, self.plant = model, plant
-        self.setting = _setting(record, model, plant, initial_state == "estimate")
+        self.model, self.free_start = model, initial_state == "estimate"
+        self._hold_chosen = False
+        self._use(plant)
 
     def offered(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
-        """Return the effects that make sense for this model, in the given order."""
-        return tuple(effect for effect in effects if self._makes_sense(effect))
+        """Return the effects that make sense for this model, in the given order.
+
+        A relay gets a level of its own unless the model has a free gain.
+        """
+        sensible = [effect for effect in effects if self._makes_sense(effect)]
+        if all(effect.name not in SWITCHES for effect in sensible) or self._has_free_gain():
+            return tuple(sensible)
+        return tuple(with_level(effect) if effect.name in SWITCHES else effect for effect in sensible)
+
+    def _has_free_gain(self) -> bool:
+        """Tell whether a change of the model's parameters can scale its output."""
+        rows = _first_rows(self.record.learning, GAIN_ROWS)
+        problem = Problem(self.setting, (), rows, WHITE, COARSE_STEP, free_start=False)
+        point = self.setting.nominal
+        output = problem.outputs(point[np.newaxis])
+        with np.errstate(all="ignore"):
+            left = Tangent(problem, point).outside(output)
+        return bool(np.linalg.norm(left) < SAME_DIRECTION * np.linalg.norm(output))
 
     def _makes_sense(self, effect: Effect) -> bool:
         port = self.plant.port
@@ -75,40 +99,82 @@ class PhysicsStructure:
         return effect.port != "flow" or bool(port.levels)
 
     def baseline(self, rows: Mask) -> StructureFit:
-        """Fit the model without effects, from several starts."""
+        """Fit the model without effects, from several starts.
+
+        The input is held between samples.  Only where it is one without the upper frequencies of a held
+        input, and a smooth course between samples lowers the held-out error so much that neither a direct
+        path nor a delay could, it counts as smooth from then on.
+        """
+        held = self._baseline(rows)
+        if self._hold_chosen or not band_limited(self.record, rows):
+            return held
+        self._hold_chosen = True
+        smooth = PhysicsStructure.__new__(PhysicsStructure)
+        smooth.__dict__.update(self.__dict__)
+        smooth._use(ForcedPlant(self.model, self.record.period, "smooth"))
+        quick = smooth.fit((), rows, WHITE, held, effort=0)
+        if self._held_out_error(quick) > SMOOTHER * self._held_out_error(held):
+            return held
+        rivals = [self._with_path(held, name, rows) for name in ("feedthrough", "in_delay")]
+        if self._held_out_error(quick) > SMOOTHER * min(map(self._held_out_error, rivals)):
+            return held
+        self._use(smooth.plant)
+        return self._baseline(rows)
+
+    def _use(self, plant: ForcedPlant) -> None:
+        self.plant = plant
+        self.setting = _setting(self.record, self.model, plant, self.free_start)
+
+    def _with_path(self, held: StructureFit, name: str, rows: Mask) -> StructureFit:
+        (effect,) = find_effects([name])
+        return self.fit([Choice(effect, effect.forms[0])], rows, WHITE, held, effort=1)
+
+    def _held_out_error(self, fit: StructureFit) -> float:
+        """Return the root mean square of the free-run error on validation rows, or on those of the fit."""
+        rows = self.record.validation & ~fit.rows
+        error = (fit.output - self.record.y[:, 0])[rows if rows.any() else fit.rows]
+        return float(np.sqrt(np.mean(error**2)))
+
+    def _baseline(self, rows: Mask) -> StructureFit:
         problem = self._problem((), rows, WHITE, COARSE_STEP)
         if problem.target.size < 2 * problem.size:
             raise IdentifiabilityError(
                 f"{problem.target.size} rows cannot determine {problem.size} unknowns: at least "
                 f"{2 * problem.size} rows are needed"
             )
-        unknown = [p.name for p in self.setting.searched if p.status == "free"]
-        starts, agreeing = self._wide_starts(rows) if unknown else (self._near_starts(), 0)
-        ends = [
-            problem.descend(self._with_states(problem, start), EVALUATIONS[2], TOLERANCES[2])
-            for start in starts
-            if np.isfinite(problem.cost(self._with_states(problem, start)))
-        ]
-        ends.sort(key=lambda end: end.cost)
-        agree = agreeing > 1 or sum(_same(ends[0], end) for end in ends) > 1
-        return self._result(problem, ends[0], agree)
+        unknown = any(p.status == "free" for p in self.setting.searched)
+        starts = wide_starts(self.setting, rows) if unknown else self._near_starts(RESTARTS)
+        small = _first_rows(rows, SEARCH_ROWS)
+        search = problem if small.sum() == rows.sum() else self._problem((), small, WHITE, COARSE_STEP)
+        ends = self._descents(search, starts)
+        if not _agree(ends):
+            ends = sorted([*ends, *self._descents(search, self._near_starts(MORE_RESTARTS))], key=_cost)
+        if not ends:
+            raise ModelError(
+                f"model {self.name!r} diverges from every start: give start values nearer to the plant's"
+            )
+        best = ends[0]
+        if search is not problem:
+            best = problem.descend(self._moved(search, problem, best.x), EVALUATIONS[2], TOLERANCES[2])
+        return self._result(problem, best, _agree(ends))
 
-    def _near_starts(self) -> list[Floats]:
+    def _descents(self, problem: Problem, starts: Sequence[Floats]) -> list[Minimum[Residual]]:
+        """Return where searches from model parameters end, the best first."""
+        points = [self._with_states(problem, start) for start in starts]
+        ends = [
+            problem.descend(point, EVALUATIONS[2], TOLERANCES[2])
+            for point in points
+            if np.isfinite(problem.cost(point))
+        ]
+        return sorted(ends, key=_cost)
+
+    def _near_starts(self, count: int) -> list[Floats]:
         """Return the nominal values and draws around them."""
         generator = np.random.default_rng(SEED)
         nominal = self.setting.nominal
         width = np.where(self.setting.positive, SPREAD, SPREAD * np.abs(nominal))
-        draws = [nominal + width * generator.uniform(-1.0, 1.0, nominal.size) for _ in range(RESTARTS)]
+        draws = [nominal + width * generator.uniform(-1.0, 1.0, nominal.size) for _ in range(count)]
         return [nominal, *draws]
-
-    def _wide_starts(self, rows: Mask) -> tuple[list[Floats], int]:
-        """Return where the search over unknown parameters ends, and whether its searches agree."""
-        from sysid.physics.fit import fit_physics
-
-        state = "estimate" if self.setting.free_start else "rest"
-        fit = fit_physics(self.record, self.model, initial_state=state, rows=rows)
-        values = np.array([fit.values[p.name] for p in self.setting.searched])
-        return [self.setting.to_coordinates(values)], 2 if fit.restarts_agree else 0
 
     def fit(
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: int
@@ -130,7 +196,7 @@ class PhysicsStructure:
             search = self._problem(choices, small, noise, largest)
             plain = self._problem(kept, small, noise, largest)
         ends = self._ends(search, plain, self._carried(plain, start), new, effort)
-        best, agree = ends[0], sum(_same(ends[0], end) for end in ends) > 1
+        best, agree = ends[0], _agree(ends)
         if search is not problem:
             best = problem.descend(self._moved(search, problem, best.x), EVALUATIONS[2], TOLERANCES[effort])
         return self._result(problem, best, agree or effort == 1)
@@ -148,7 +214,7 @@ class PhysicsStructure:
                 ends.append(problem.descend(point, EVALUATIONS[effort], TOLERANCES[effort]))
         if not ends:
             ends = [problem.descend(problem_point(problem, before, known), 2, TOLERANCES[effort])]
-        ends.sort(key=lambda end: end.cost)
+        ends.sort(key=_cost)
         ends[0] = refined(problem, ends[0], EVALUATIONS[1], TOLERANCES[effort])
         return ends
 
@@ -175,8 +241,7 @@ class PhysicsStructure:
         return found
 
     def _problem(self, choices: Sequence[Choice], rows: Mask, noise: Floats, largest: float) -> Problem:
-        values = self.setting.known[np.newaxis]
-        return Problem(self.setting, choices, rows, noise, self.plant.substeps(values, largest))
+        return Problem(self.setting, choices, rows, noise, largest)
 
     def _carried(self, problem: Problem, start: StructureFit) -> Floats:
         """Return the point of a problem with effects of ``start`` where that fit left them."""
@@ -264,12 +329,12 @@ class PhysicsStructure:
         )
         own = problem.n_model + problem.n_effects
         if not count:
-            return problem.run(part, x[np.newaxis], None)[0]
+            return np.asarray(problem.run(part, x[np.newaxis], None)[0])
         rows = np.zeros(self.record.n_samples, dtype=bool)
         rows[part] = used
-        local = Problem(self.setting, problem.choices, rows, WHITE, problem.substeps)
+        local = Problem(self.setting, problem.choices, rows, WHITE, problem.largest)
         end = self._with_states(local, x[:own])
-        return local.run(part, end[np.newaxis], 0)[0]
+        return np.asarray(local.run(part, end[np.newaxis], 0)[0])
 
     def problem_of(self, fit: StructureFit, choices: Sequence[Choice] | None = None) -> Problem:
         """Return the problem of a fit, or of the same rows with other effects."""
@@ -324,6 +389,23 @@ class PhysicsStructure:
             values = ", ".join(f"{p.name} = {p.value:.4g}" for p in fit.parameters_of(choice.name))
             lines.append(f"{choice.name}: {choice.effect.equation}" + (f"  ({values})" if values else ""))
         return "\n".join(lines)
+
+
+def band_limited(record: Record, rows: Mask) -> bool:
+    """Tell whether the input has no power near the Nyquist frequency, as one that never was held has not."""
+    u = record.u[rows, 0]
+    spectrum = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(u.size))) ** 2
+    upper = spectrum[int(UPPER_FREQUENCY * spectrum.size) :]
+    return bool(upper.sum() < UPPER_POWER * spectrum.sum())
+
+
+def _cost(end: Minimum[Residual]) -> float:
+    return end.cost
+
+
+def _agree(ends: Sequence[Minimum[Residual]]) -> bool:
+    """Tell whether the best end, first in the list, was found more than once."""
+    return sum(_same(ends[0], end) for end in ends) > 1
 
 
 def _same(best: Minimum[Residual], end: Minimum[Residual]) -> bool:

@@ -14,8 +14,10 @@ from sysid.physics.model import Model
 from sysid.physics.ports import Port, find_port
 
 MOST_STATES = 4
-MOST_SUBSTEPS = 1000
-# The law without effects: sixteen coefficients, in the order of `sysid.physics.forced_kernels`.
+MOST_SUBSTEPS = 200
+# A smooth input is a staircase of so many steps between samples, each as high as the spline at its middle.
+PIECES = 4
+# The law without effects: seventeen coefficients, in the order of `sysid.physics.forced_kernels`.
 LAW_NAMES = (
     "friction_forward",
     "friction_back",
@@ -33,6 +35,7 @@ LAW_NAMES = (
     "root",
     "first_cap",
     "second_cap",
+    "caught",
 )
 _NO_LAW = dict.fromkeys(LAW_NAMES, 0.0) | {
     "stribeck_speed": 1.0,
@@ -67,7 +70,9 @@ class ForcedPlant:
     model : Model
         Linear in state and input, with at most four states and one output.
     period : float
-        Sampling period [s]; the input is held between samples.
+        Sampling period [s].
+    hold : {"zero", "smooth"}
+        Between samples the input is held, or follows a cubic spline, as one that was sampled does.
 
     Raises
     ------
@@ -87,14 +92,14 @@ class ForcedPlant:
     0.0
     """
 
-    def __init__(self, model: Model, period: float) -> None:
+    def __init__(self, model: Model, period: float, hold: str = "zero") -> None:
         form = linear_form(model, ())
         if form is None or len(model.states) > MOST_STATES or len(model.outputs) != 1:
             raise ModelError(
                 f"model {model.name!r} cannot take added forces by the fast simulation: it must be linear, "
                 f"with one output and at most {MOST_STATES} states"
             )
-        self.model, self.period, self._form = model, period, form
+        self.model, self.period, self._form, self.hold = model, period, form, hold
         self.names = tuple(parameter.name for parameter in model.parameters)
         self.port: Port = find_port(model)
         self.order, self.n_inputs = len(model.states), len(model.inputs)
@@ -104,7 +109,7 @@ class ForcedPlant:
         self.delayed = tuple(variable.delay for variable in model.inputs)
 
     @cached_property
-    def _matrices(self) -> Callable[[Floats], tuple[Sequence[float], Sequence[float], float]]:
+    def _matrices(self) -> Callable[[Sequence[float]], Sequence[float]]:
         """Compiled entries of the generator and of the output, and the rate of a force on the velocity."""
         from sysid.physics.expressions import Number, operation
 
@@ -113,14 +118,16 @@ class ForcedPlant:
         expressions = [code(entry[2], self._inside) for entry in entries]
         if self.port.velocity is not None:
             expressions.append(
-                code(operation("/", Number(1.0), self.model.equations[self.port.velocity].factor), self._inside)
+                code(
+                    operation("/", Number(1.0), self.model.equations[self.port.velocity].factor), self._inside
+                )
             )
         else:
             expressions.append(code(push, self._inside))
         source = f"def entries(p):\n    return ({', '.join(expressions)},)\n"
         namespace: dict[str, Any] = {"np": np}
         exec(compile(source, f"<matrices of {self.model.name}>", "exec"), namespace)
-        function: Callable[[Floats], Any] = namespace["entries"]
+        function: Callable[[Sequence[float]], Sequence[float]] = namespace["entries"]
         return function
 
     @cached_property
@@ -161,7 +168,7 @@ class ForcedPlant:
         with np.errstate(all="ignore"):
             for lane, p in enumerate(values.tolist()):
                 try:
-                    entries = self._matrices(p)  # type: ignore[arg-type]
+                    entries = self._matrices(p)
                 except (ZeroDivisionError, OverflowError):
                     plants[lane] = np.nan
                     continue
@@ -205,7 +212,7 @@ class ForcedPlant:
         ----------
         values : ndarray, shape (lanes, n_parameters)
             Every parameter of the model, in its order.
-        laws : ndarray, shape (lanes, 16)
+        laws : ndarray, shape (lanes, 17)
             See `law`.
         u : ndarray, shape (n_samples,), (n_samples, n_inputs) or (lanes, n_samples, n_inputs)
         starts : ndarray, shape (lanes, n_states), optional
@@ -225,6 +232,10 @@ class ForcedPlant:
         lanes = values.shape[0]
         signal = u[np.newaxis, :, np.newaxis] if u.ndim == 1 else (u[np.newaxis] if u.ndim == 2 else u)
         signal = np.ascontiguousarray(signal)
+        pieces = 1 if self.hold == "zero" else PIECES
+        period = self.period / pieces
+        if pieces > 1:
+            signal, substeps = _in_pieces(signal, pieces), -(-substeps // pieces)
         y = np.empty((lanes, signal.shape[1]))
         at_start = np.zeros((lanes, MOST_STATES))
         if starts is None:
@@ -234,16 +245,16 @@ class ForcedPlant:
         arguments = self.coefficients(values, laws)
         plants, by_input, direct = arguments
         if np.array_equal(laws, np.broadcast_to(NO_LAW, laws.shape)):
-            linear_runs(plants, self.order, by_input, direct, signal, at_start, self.period, y, inner)
+            linear_runs(plants, self.order, by_input, direct, signal, at_start, period, y, inner)
         else:
-            step = self.period / substeps
+            step = period / substeps
             forced_runs(
                 *(plants, self.order, self.same, by_input, direct, signal, at_start, step, substeps, y, inner)
             )
         if states is not None:
             for k, state in enumerate(self.states_first):
-                states[:, :, state] = inner[:, :, k]
-        return y
+                states[:, :, state] = inner[:, ::pieces, k]
+        return y if pieces == 1 else np.ascontiguousarray(y[:, ::pieces])
 
     def respond(self, values: Floats, force: Floats) -> Floats:
         """Return the output, from rest, to a force alone, held between samples.
@@ -261,7 +272,7 @@ class ForcedPlant:
         from sysid.physics import forced_kernels as fk
         from sysid.physics.forced_kernels import linear_runs
 
-        plants, by_input, direct = self.coefficients(values[np.newaxis], NO_LAW[np.newaxis])
+        plants, _, direct = self.coefficients(values[np.newaxis], NO_LAW[np.newaxis])
         pushed = np.zeros((1, MOST_STATES, 1))
         pushed[0, 0, 0] = plants[0, fk.PUSH]
         plants[:, fk.STEADY : fk.STEADY + 4] = plants[:, fk.READ + 4] = 0.0
@@ -269,7 +280,18 @@ class ForcedPlant:
         signal = np.ascontiguousarray(force)[np.newaxis, :, np.newaxis]
         at_start, inner = np.zeros((1, MOST_STATES)), np.empty((1, 0, MOST_STATES))
         linear_runs(plants, self.order, pushed, direct[:, :1] * 0.0, signal, at_start, self.period, y, inner)
-        return y[0]
+        found: Floats = y[0]
+        return found
+
+
+def _in_pieces(signal: Floats, pieces: int) -> Floats:
+    """Return the middles of pieces of the spline through the samples; the last sample is held."""
+    from scipy.interpolate import CubicSpline
+
+    n = signal.shape[1]
+    times = np.arange(n * pieces) / pieces + 0.5 / pieces
+    spline = CubicSpline(np.arange(n), signal, axis=1, bc_type="natural")
+    return np.ascontiguousarray(spline(np.minimum(times, n - 1.0)))
 
 
 def _order(port: Port, n: int) -> list[int]:

@@ -37,12 +37,12 @@ ELASTIC, YIELD = LAW + 9, LAW + 10  # stiffness and yield force of the elastic-p
 GAIN, GAIN_SCALE = LAW + 11, LAW + 12
 ROOT = LAW + 13  # 1 where outflows go with the square root of the level
 FIRST_CAP, SECOND_CAP = LAW + 14, LAW + 15
-SIZE = LAW + 16
-N_LAW = 16
+CAUGHT = LAW + 16  # share of what the first tank overflows that the second one catches
+SIZE = LAW + 17
 
 SMOOTH, STUCK = 2, 0  # modes; 1 and -1 are sliding to either side
 # Changes that are located in one step; a body that chatters faster is held until the step's end.
-MOST_EVENTS = 40
+MOST_EVENTS = 12
 ROOT_STEPS = 60
 # An event's velocity or force is zero to this share of its change over the step.
 EVENT_TOLERANCE = 1e-13
@@ -60,7 +60,8 @@ def sliding_friction(w: Floats, velocity: float, side: int) -> float:
     if w[BREAKAWAY] != 0.0:
         ratio = velocity / w[STRIBECK_SPEED]
         total += w[BREAKAWAY] * math.exp(-ratio * ratio)
-    return -side * total
+    friction: float = -side * total
+    return friction
 
 
 @inlined
@@ -69,7 +70,8 @@ def smooth_force(w: Floats, position: float, velocity: float, memory: float) -> 
     force = w[CONSTANT] - w[DRAG] * velocity * abs(velocity) - w[CUBIC] * position * position * position
     if w[GRAVITY] != 0.0:
         force -= w[GRAVITY] * math.sin(w[WAVE_NUMBER] * position)
-    return force - w[YIELD] * memory
+    force -= w[YIELD] * memory
+    return force
 
 
 @inlined
@@ -96,6 +98,8 @@ def rates(w: Floats, n: int, same: bool, z: State, mode: int) -> State:
         d2 += w[A + 8] * s0 + w[A + 9] * s1 + w[A + 10] * z2 + w[A + 11] * z3
         d3 = w[STEADY + 3] + factor * w[DRIVE + 3] + w[PUSH + 3] * force
         d3 += w[A + 12] * s0 + w[A + 13] * s1 + w[A + 14] * z2 + w[A + 15] * z3
+    if z0 >= w[FIRST_CAP] and d0 > 0.0:
+        d1 += w[CAUGHT] * d0
     change = 0.0
     if w[YIELD] > 0.0:
         change = w[ELASTIC] / w[YIELD] * (z0 - abs(z0) * memory)
@@ -140,13 +144,15 @@ def fourth_order_step(w: Floats, n: int, same: bool, z: State, mode: int, step: 
 @compiled
 def called_step(w: Floats, n: int, same: bool, z: State, mode: int, step: float) -> State:
     """Return the same as `fourth_order_step`, where speed is not worth the code."""
-    return fourth_order_step(w, n, same, z, mode, step)
+    after: State = fourth_order_step(w, n, same, z, mode, step)
+    return after
 
 
 @compiled
 def holding_force(w: Floats, n: int, same: bool, z: State) -> float:
     """Return the force that keeps a body at zero velocity."""
-    return -rates(w, n, same, z, STUCK)[0] / w[PUSH]
+    holding: float = -rates(w, n, same, z, STUCK)[0] / w[PUSH]
+    return holding
 
 
 @compiled
@@ -280,7 +286,9 @@ def forced_runs(
         mode = SMOOTH
         for k in range(u.shape[1]):
             z = (min(z[0], w[FIRST_CAP]), min(z[1], w[SECOND_CAP]), z[2], z[3], z[4])
-            value = w[READ] * z[0] + w[READ + 1] * z[1] + w[READ + 2] * z[2] + w[READ + 3] * z[3] + w[READ + 4]
+            value = (
+                w[READ] * z[0] + w[READ + 1] * z[1] + w[READ + 2] * z[2] + w[READ + 3] * z[3] + w[READ + 4]
+            )
             for j in range(m):
                 value += direct[lane, j] * u[source, k, j]
             y[lane, k] = value
@@ -296,10 +304,7 @@ def forced_runs(
                     rate += by_input[lane, i, j] * u[source, k, j]
                 w[DRIVE + i] = rate
             if dry:
-                if z[0] == 0.0:
-                    mode = mode_at_zero(w, n, same, z)
-                else:
-                    mode = 1 if z[0] > 0.0 else -1
+                mode = mode_at_zero(w, n, same, z) if z[0] == 0.0 else (1 if z[0] > 0.0 else -1)
             for _ in range(substeps):
                 if not dry:
                     z = fourth_order_step(w, n, same, z, SMOOTH, step)

@@ -205,6 +205,33 @@ EFFECTS = (
                     ),
                 ),
             ),
+            Form(
+                "cascade",
+                (
+                    EffectParameter(
+                        "limit_1",
+                        "[x]",
+                        "highest level of the upper tank",
+                        Grid("output deviation", (2.0, 4.0, 8.0, 16.0)),
+                        minimum=0.0,
+                    ),
+                    EffectParameter(
+                        "limit_2",
+                        "[x]",
+                        "highest level of the lower tank",
+                        Grid("output quantile", (0.9, 1.0)),
+                        minimum=0.0,
+                    ),
+                    EffectParameter(
+                        "caught",
+                        "1",
+                        "share of the upper tank's overflow that the lower one catches",
+                        Grid("plain", (0.0, 0.5, 0.9)),
+                        minimum=0.0,
+                        maximum=1.0,
+                    ),
+                ),
+            ),
         ),
         PHYSICS,
     ),
