@@ -120,7 +120,7 @@ def test_consistency_gates(case):
         for n in SIZES:
             name = size_case(case, n)
             studies[name] = runner.run(name, replace(task, n_samples=n), 60, seed=3)
-        numbers = {"slope_std_error": slope_std_error([60] * len(SIZES))}
+        numbers = {"slope_std_error": slope_std_error(SIZES, [60] * len(SIZES))}
         numbers |= consistency_numbers(case, studies)
         assert red(checks.consistency_gates(case, numbers)) == expected
 

@@ -75,3 +75,31 @@ def test_random_steps_hold_their_levels():
 def test_unusable_arguments_are_named(make, message):
     with pytest.raises(UsageError, match=message):
         make()
+
+
+def test_impulse_levels_are_those_of_giri():
+    from sysid.excitation import impulse_levels
+
+    levels, order = [-6.0, -3.0, 3.0, 6.0], 3
+    u = impulse_levels(levels, order, periods=2)
+    assert u.size == 2 * order * 7
+    assert {t: u[t] for t in np.flatnonzero(u[:21])} == {6: -6.0, 12: -3.0, 15: 3.0, 18: 6.0}  # (5.1), n = 3
+    even = impulse_levels(levels, order, even=True)
+    assert list(np.flatnonzero(even)) == [6, 9, 12, 15]
+
+
+@pytest.mark.parametrize(
+    ("levels", "order", "periods", "message"),
+    [
+        ([1.0], 2, 1, "at least two"),
+        ([1.0, 0.0], 2, 1, "none zero"),
+        ([1.0, np.nan], 2, 1, "finite"),
+        ([1.0, 2.0], 0, 1, "order is 0"),
+        ([1.0, 2.0], 1, 0, "periods is 0"),
+    ],
+)
+def test_unusable_impulses_are_named(levels, order, periods, message):
+    from sysid.excitation import impulse_levels
+
+    with pytest.raises(UsageError, match=message):
+        impulse_levels(levels, order, periods)

@@ -8,6 +8,7 @@ from scipy.special import ndtri
 from replications.bai import example_2, setting
 from replications.bai.worked import WORKED
 from replications.errata import CORRECTED_TOLERANCE, Erratum, erratum_gates
+from replications.studies import parameters_of, protocol_gates
 from sysid import gates as gate
 from sysid.claims import Claim
 from sysid.gates import Gate
@@ -39,21 +40,11 @@ def gates(
     ]
 
 
-def protocol_gates(studies: Mapping[str, Study], claims: Sequence[Claim]) -> list[Gate]:
-    """Require that no run failed and that every claim has its verdict."""
-    disagreeing = sum(not claim.passed for claim in claims)
-    reason = "every printed value has the verdict its claims file states"
-    return [
-        gate.exact("failed-runs", sum(s.failed for s in studies.values()), 0, "no run may fail"),
-        gate.exact("claims", disagreeing, 0, reason),
-    ]
-
-
 def case_gates(case: str, entry: Mapping[str, object], numbers: Mapping[str, float]) -> list[Gate]:
     """Bias, efficiency and mean cost of one case of Example 1."""
     found = []
     n, n_runs = setting.EXAMPLE_1_SAMPLES, int(str(entry["n_runs"]))
-    for name, quality in _parameters(entry).items():
+    for name, quality in parameters_of(entry).items():
         found.append(
             gate.monte_carlo_band(
                 f"bias/{case}/{name}",
@@ -115,7 +106,7 @@ def example_2_gates(
 ) -> list[Gate]:
     """Correlation method: consistent, and much wider than least squares on the same data."""
     found = []
-    for name, quality in _parameters(monte_carlo["example-2/separable"]).items():
+    for name, quality in parameters_of(monte_carlo["example-2/separable"]).items():
         found.append(
             gate.monte_carlo_band(
                 f"bias/example-2/separable/{name}",
@@ -156,7 +147,7 @@ def example_2_gates(
 def worked_gates(case: str, entry: Mapping[str, object]) -> list[Gate]:
     """Require a worked nonlinearity of section 3 to be recovered, and the broken one not."""
     found = []
-    for name, quality in _parameters(entry).items():
+    for name, quality in parameters_of(entry).items():
         if case.endswith("as-printed"):
             ratio = abs(quality["bias"]) / quality["std"]
             reason = "the input (3.10) has a nonzero mean, which makes the printed method inconsistent"
@@ -188,9 +179,3 @@ def errata_gates(numbers: Mapping[str, float], errata: Sequence[Erratum]) -> lis
                 gate.at_most(name, value, CORRECTED_TOLERANCE, "exact", "printed moment against quadrature")
             )
     return found
-
-
-def _parameters(case: Mapping[str, object]) -> Mapping[str, Mapping[str, float]]:
-    parameters = case["parameters"]
-    assert isinstance(parameters, Mapping)
-    return parameters

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from replications import diagrams
 from replications.bai import example_2, setting
 from replications.bai.example_1 import one_parameter_map
 from sysid.reporting import display
@@ -24,21 +25,21 @@ SHORT_TITLES = {
 
 def block_diagram() -> Display:
     """Draw figure 1: the structure that is identified."""
-    drawing, axes = display.subplots(height=1.15)
-    axes.set(xlim=(0, 10), ylim=(0, 2))
-    axes.axis("off")
-    box = {"boxstyle": "square,pad=0.55", "facecolor": "white", "edgecolor": "black"}
-    arrow = {"arrowstyle": "-|>", "color": "black", "shrinkA": 0, "shrinkB": 0}
-    axes.text(2.6, 0.8, r"$\mathcal{N}(\cdot,\,a)$", ha="center", va="center", bbox=box)
-    axes.text(5.6, 0.8, r"$\frac{\beta_1 q^{-1}+\beta_2q^{-2}}{1-\alpha_1q^{-1}-\alpha_2q^{-2}}$",
-              ha="center", va="center", fontsize=13, bbox=box)  # fmt: skip
-    axes.plot(8.2, 0.8, "o", markersize=15, markerfacecolor="white", markeredgecolor="black")
-    axes.text(8.2, 0.8, "+", ha="center", va="center")
-    for start, end in (((0.6, 0.8), (1.85, 0.8)), ((3.35, 0.8), (4.45, 0.8)), ((6.75, 0.8), (7.95, 0.8)),
-                       ((8.45, 0.8), (9.6, 0.8)), ((8.2, 1.8), (8.2, 1.1))):  # fmt: skip
-        axes.annotate("", xy=end, xytext=start, arrowprops=arrow)
-    for x, y, name in ((0.9, 1.0, "u(k)"), (3.9, 1.0, "x(k)"), (9.1, 1.0, "y(k)"), (8.45, 1.6, "w(k)")):
-        axes.text(x, y, f"${name}$", ha="center")
+    drawing = diagrams.block_diagram(
+        blocks=[
+            (2.6, r"$\mathcal{N}(\cdot,\,a)$", 10),
+            (5.6, r"$\frac{\beta_1 q^{-1}+\beta_2q^{-2}}{1-\alpha_1q^{-1}-\alpha_2q^{-2}}$", 13),
+        ],
+        sums=[8.2],
+        arrows=[
+            ((0.6, 0.8), (1.85, 0.8)),
+            ((3.35, 0.8), (4.45, 0.8)),
+            ((6.75, 0.8), (7.95, 0.8)),
+            ((8.45, 0.8), (9.6, 0.8)),
+            ((8.2, 1.8), (8.2, 1.1)),
+        ],
+        signals=[(0.9, 1.0, "u(k)"), (3.9, 1.0, "x(k)"), (9.1, 1.0, "y(k)"), (8.45, 1.6, "w(k)")],
+    )
     return display.figure(
         drawing,
         "Figure 1 regenerated: the structure as it is implemented; $A(q)w = v$.",

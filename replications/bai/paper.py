@@ -23,6 +23,7 @@ from replications.bai.plausibility import (
 )
 from replications.bai.worked import WORKED, WorkedRun, true_parameters
 from replications.errata import Erratum, erratum_numbers
+from replications.studies import entry, slope_std_error
 from sysid.claims import Claim, judge, read
 from sysid.montecarlo import Study, Task
 from sysid.replication import PaperResult, Session
@@ -86,7 +87,9 @@ class Bai:
         }
         numbers = {
             **setting_numbers(),
-            "slope_std_error": slope_std_error([studies[size_case("preload", n)].n_runs for n in SIZES]),
+            "slope_std_error": slope_std_error(
+                SIZES, [studies[size_case("preload", n)].n_runs for n in SIZES]
+            ),
             **reading_numbers(),
             **plausibility_numbers(studies, claims_read, example_2_rows),
             **example_2_numbers(studies["example-2"], monte_carlo),
@@ -123,15 +126,6 @@ def size_case(case: str, n: int) -> str:
     return case if n == setting.EXAMPLE_1_SAMPLES else f"{case}/n={n}"
 
 
-def entry(
-    study: Study, true: Mapping[str, float], bound: Mapping[str, float] | None = None, prefix: str = ""
-) -> dict[str, object]:
-    """Return the Monte-Carlo entry of a case for ``results.json``."""
-    summary = study.summary({prefix + name: value for name, value in true.items()}, bound)
-    parameters = {name.removeprefix(prefix): quality for name, quality in summary.items()}
-    return {"n_runs": study.n_runs, "failed": study.failed, "parameters": parameters}
-
-
 def setting_numbers() -> dict[str, float]:
     """Return the set-up of the examples as the studies use it."""
     b1, b2 = setting.EXAMPLE_2_INPUTS
@@ -158,12 +152,6 @@ def consistency_numbers(case: str, studies: Mapping[str, Study]) -> dict[str, fl
         numbers |= {f"rmse/{case}/{name}/{n}": float(value) for n, value in zip(SIZES, rmse, strict=True)}
         numbers[f"slope/{case}/{name}"] = float(np.polyfit(np.log(SIZES), np.log(rmse), 1)[0])
     return numbers
-
-
-def slope_std_error(n_runs: Sequence[int]) -> float:
-    """Return the standard error of a fitted exponent; log RMSE over n runs has the variance 1/(2n)."""
-    x = np.log(SIZES) - np.mean(np.log(SIZES))
-    return float(np.sqrt(np.sum(x**2 / (2 * np.asarray(n_runs)))) / np.sum(x**2))
 
 
 def cost_numbers(study: Study) -> dict[str, float]:

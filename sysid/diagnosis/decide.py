@@ -37,7 +37,7 @@ class Trial:
     noise : Noise
         Colour of its residual.
     criterion : float
-        Information criterion, its own noise model included: lower is better.
+        Information criterion under the colour of what the probes leave: lower is better.
     gain : float
         How much lower the criterion is than that of the model without it.
     p_value : float
@@ -158,11 +158,18 @@ class Search:
             if not further:
                 trials = found
             best = found[0] if found else None
-            if best is None or best.fit is None or not self._accepted(best, current, baseline, further):
+            if best is None or best.fit is None:
                 break
+            grown = best.fit
+            if not self._accepted(best, current, baseline, further):
+                pair = self._with_another(best, current, baseline, len(fits))
+                if pair is None:
+                    break
+                grown = pair
             if not further:
                 tie = self._tied(found)
-            grown = self._pruned(self._exchanged(best.fit, n_given), n_given) if further else best.fit
+            if len(grown.choices) > n_given + 1:
+                grown = self._pruned(self._exchanged(grown, n_given), n_given)
             if len(grown.choices) <= len(current.choices) and self._criterion(grown) >= self._criterion(
                 current
             ):
@@ -173,7 +180,8 @@ class Search:
     def _given_fits(self, baseline: StructureFit) -> list[StructureFit]:
         fits: list[StructureFit] = []
         for effect in self.given:
-            trial = self._fitted(fits[-1] if fits else baseline, effect, effect.forms, WHITE, 2)
+            white = Noise(WHITE, 0.0, 0.0)
+            trial = self._fitted(fits[-1] if fits else baseline, effect, effect.forms, white, 2)
             if trial.fit is not None:
                 fits.append(trial.fit)
         return fits
@@ -183,23 +191,16 @@ class Search:
         candidates = [e for e in self.candidates if e.name not in current.names]
         if not candidates:
             return ()
-        screen = self._screen(current, candidates, self._colour(current))
+        colour = self._colour(current)
+        screen = self._screen(current, candidates, colour)
         if further and screen.p_value(max(screen.statistics.values())) >= self.alpha:
             return ()  # the residual holds no structure any more
         ranking = sorted(candidates, key=lambda e: -screen.statistics[e.name])
-        kept, left = ranking[:SCREENED], ranking[SCREENED:]
-        trials = self._trials(current, kept, WHITE)
-        noise = trials[0].noise
-        if trials[0].fit is None:
-            return ()
-        if noise.order:
-            # The colour is that under the best candidate: what is missing colours the baseline's residual.
-            trials = self._trials(current, kept, noise.polynomial)
-            noise = trials[0].noise
-        unfitted = [Trial(effect.name, None, Noise(WHITE, 0.0, 0.0), np.inf) for effect in left]
-        return self._judged(current, [*trials, *unfitted], candidates, noise)
+        trials = self._trials(current, ranking[:SCREENED], colour)
+        left = [Trial(e.name, None, Noise(WHITE, 0.0, 0.0), np.inf, -np.inf) for e in ranking[SCREENED:]]
+        return self._judged(current, [*trials, *left], screen, colour)
 
-    def _trials(self, current: StructureFit, candidates: Sequence[Effect], noise: Floats) -> list[Trial]:
+    def _trials(self, current: StructureFit, candidates: Sequence[Effect], noise: Noise) -> list[Trial]:
         """Fit the candidates, the better ones with more care; return them best first."""
         found = {}
         for effect in candidates:
@@ -212,12 +213,12 @@ class Search:
                 other = self._fitted(current, effect, forms, noise, effort)
                 if other.criterion < trial.criterion:
                     found[effect.name] = other
-        base = self._criterion(current)
+        base = self._criterion(self._refitted(current, noise), noise)
         trials = [replace(t, gain=base - t.criterion) for t in found.values()]
         return sorted(trials, key=lambda t: t.criterion)
 
     def _fitted(
-        self, current: StructureFit, effect: Effect, forms: Sequence[object], noise: Floats, effort: int
+        self, current: StructureFit, effect: Effect, forms: Sequence[object], noise: Noise, effort: int
     ) -> Trial:
         """Fit an effect in some of its forms; return the best."""
         best = Trial(effect.name, None, Noise(WHITE, 0.0, 0.0), np.inf)
@@ -225,35 +226,36 @@ class Search:
             if form not in forms:
                 continue
             choices = (*current.choices, Choice(effect, form))
-            fit = self.structure.fit(choices, self.rows, noise, current, effort=effort)
+            fit = self.structure.fit(choices, self.rows, noise.polynomial, current, effort=effort)
             if not (np.isfinite(fit.cost) and np.isfinite(fit.output[self.rows | self.held_out]).all()):
                 continue
-            own = self._noise(fit)
-            criterion = self._criterion(fit, own)
+            criterion = self._criterion(fit, noise)
             if criterion < best.criterion:
-                best = Trial(effect.name, fit, own, criterion)
+                best = Trial(effect.name, fit, noise, criterion)
         return best
 
     def _judged(
-        self, current: StructureFit, trials: Sequence[Trial], candidates: Sequence[Effect], noise: Noise
+        self, current: StructureFit, trials: Sequence[Trial], screen: ScoreScreen, colour: Noise
     ) -> tuple[Trial, ...]:
         """Add p-values and held-out errors to the trials."""
-        screen = self._screen(current, candidates, noise)
-        base = self._cost(self._refitted(current, noise), noise)
+        base = self._cost(self._refitted(current, colour), colour)
+        costs = [self._cost(trial.fit, colour) for trial in trials if trial.fit is not None]
+        variance = min([base, *costs]) / int(self.rows.sum())
         found = []
         for trial in trials:
+            statistic = screen.statistics[trial.name]
             if trial.fit is None:
-                p_value = screen.p_value(screen.statistics[trial.name])
-                found.append(replace(trial, p_value=p_value, gain=-np.inf))
+                found.append(replace(trial, p_value=screen.p_value(statistic)))
                 continue
-            likelihood = (base - self._cost(trial.fit, noise)) / noise.variance
-            statistic = max(screen.statistics[trial.name], likelihood)
+            statistic = max(statistic, (base - self._cost(trial.fit, colour)) / variance)
+            own = self._noise(trial.fit)
             found.append(
                 replace(
                     trial,
+                    noise=own,
                     p_value=screen.p_value(statistic),
                     validation=self._held_out_error(trial.fit, WHITE),
-                    innovation=self._held_out_error(trial.fit, noise.polynomial),
+                    innovation=self._held_out_error(trial.fit, own.polynomial),
                 )
             )
         return tuple(found)
@@ -276,9 +278,9 @@ class Search:
         agreed = (
             trial.p_value < self.alpha
             and trial.gain > 0.0
+            and self._own_criterion(trial.fit) < self._own_criterion(current)
             and trial.validation < self._held_out_error(current, WHITE)
-            and trial.innovation
-            < self._held_out_error(self._refitted(current, trial.noise), trial.noise.polynomial)
+            and self._foreseen_as_well(trial, current)
         )
         if not agreed or not further:
             return agreed
@@ -286,29 +288,60 @@ class Search:
         step = self._cost(current, Noise(WHITE, 0.0, 0.0)) - self._cost(trial.fit, Noise(WHITE, 0.0, 0.0))
         return step > LEAST_SHARE * whole
 
+    def _with_another(
+        self, best: Trial, current: StructureFit, baseline: StructureFit, n_before: int
+    ) -> StructureFit | None:
+        """Return a pair of effects that holds on held-out rows where the better one alone does not."""
+        significant = best.p_value < self.alpha and best.gain > 0.0
+        if not significant or best.fit is None or n_before + 2 > self.max_effects + len(self.given):
+            return None
+        found = self._round(best.fit, True)
+        if not found or found[0].fit is None:
+            return None
+        second = found[0]
+        accepted = self._accepted(second, current, baseline, n_before > 0)
+        return second.fit if accepted and self._accepted(second, best.fit, baseline, True) else None
+
+    def _foreseen_as_well(self, trial: Trial, current: StructureFit) -> bool:
+        """Tell whether the held-out innovations do not rise by more than chance."""
+        assert trial.fit is not None
+        noise = trial.noise.polynomial
+        before = filtered(self._residual(self._refitted(current, trial.noise)), self.held_out, noise)
+        after = filtered(self._residual(trial.fit), self.held_out, noise)
+        return block_separation(before, after) < TIED
+
     def _exchanged(self, fit: StructureFit, n_given: int) -> StructureFit:
         """Try to replace each earlier effect by another: the first was chosen before the others."""
         for position in range(n_given, len(fit.choices) - 1):
             others = tuple(c for i, c in enumerate(fit.choices) if i != position)
-            noise = self._noise(fit).polynomial
-            without = self.structure.fit(others, self.rows, noise, fit, effort=0)
+            noise = self._colour(fit)
+            without = self.structure.fit(others, self.rows, noise.polynomial, fit, effort=0)
             trials = self._trials(without, [e for e in self.candidates if e.name not in without.names], noise)
-            if trials and trials[0].fit is not None and trials[0].criterion < self._criterion(fit) - 1e-6:
+            if (
+                trials
+                and trials[0].fit is not None
+                and trials[0].criterion < self._criterion(fit, noise) - 1e-6
+            ):
                 fit = trials[0].fit
         return fit
 
     def _pruned(self, fit: StructureFit, n_given: int) -> StructureFit:
         """Leave out effects that the information criterion does not want any more."""
         while len(fit.choices) > max(n_given, 1):
-            noise = self._noise(fit).polynomial
+            noise = self._colour(fit)
             smaller = [
                 self.structure.fit(
-                    tuple(c for c in fit.choices if c is not left), self.rows, noise, fit, effort=0
+                    tuple(c for c in fit.choices if c is not left),
+                    self.rows,
+                    noise.polynomial,
+                    fit,
+                    effort=0,
                 )
                 for left in fit.choices[n_given:]
             ]
-            best = min(smaller, key=self._criterion)
-            if self._criterion(best) > self._criterion(fit):
+            criteria = [self._criterion(other, noise) for other in smaller]
+            best = smaller[int(np.argmin(criteria))]
+            if min(criteria) > self._criterion(fit, noise):
                 break
             fit = best
         return fit
@@ -428,7 +461,9 @@ class Search:
         columns = orthonormal(np.hstack([tangent[rows], probes[rows]]))
         rest = np.zeros(residual.size)
         rest[rows] = residual[rows] - columns @ (columns.T @ residual[rows])
-        return noise_of(rest, rows)
+        found = noise_of(rest, rows)
+        left = max(int(rows.sum()) - columns.shape[1], 1)
+        return replace(found, variance=found.variance * int(rows.sum()) / left)
 
     def _refitted(self, fit: StructureFit, noise: Noise) -> StructureFit:
         if noise.order == 0:
@@ -446,11 +481,14 @@ class Search:
         error = filtered(self._residual(fit), self.rows, noise.polynomial)
         return float(error @ error)
 
-    def _criterion(self, fit: StructureFit, noise: Noise | None = None) -> float:
-        """Return the information criterion of a fit with its own noise model."""
-        noise, n = noise or self._noise(fit), int(self.rows.sum())
-        if not np.isfinite(noise.variance):
-            return np.inf
+    def _criterion(self, fit: StructureFit, noise: Noise) -> float:
+        """Return the information criterion of a fit under a given colour of the noise."""
+        n = int(self.rows.sum())
+        return n * np.log(max(self._cost(fit, noise) / n, 1e-300)) + fit.n_parameters * np.log(n)
+
+    def _own_criterion(self, fit: StructureFit) -> float:
+        """Return the information criterion of a fit with the noise model of its own residual."""
+        noise, n = self._noise(fit), int(self.rows.sum())
         return n * np.log(max(noise.variance, 1e-300)) + (fit.n_parameters + noise.order) * np.log(n)
 
     def _held_out_error(self, fit: StructureFit, noise: Floats) -> float:

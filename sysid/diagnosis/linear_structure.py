@@ -26,7 +26,7 @@ HIGHEST_ORDER = 6
 # A higher order must lower the validation error by at least this share.
 WORTHWHILE = 0.02
 AGREEMENT = 1e-3
-RESTARTS, SPREAD, RESTART_SEED = 12, 0.4, 3
+RESTARTS, SPREADS, RESTART_SEED = 12, (0.4, 0.15, 0.05), 3
 
 
 class LinearStructure:
@@ -113,9 +113,9 @@ class LinearStructure:
         """Search again from moved parameters; tell whether another search ends at the least cost."""
         rng, ends, n = np.random.default_rng(RESTART_SEED), [best], self.order
         poles = np.roots(np.concatenate([[1.0], best.point[:n]])).astype(complex)
-        for _ in range(RESTARTS):
+        for number in range(RESTARTS):
             # Conjugate poles move together: their time constants are stretched by the same factor.
-            stretch = np.exp(SPREAD * rng.standard_normal(n))
+            stretch = np.exp(SPREADS[number % len(SPREADS)] * rng.standard_normal(n))
             stretch = np.where(poles.imag != 0.0, stretch[0], stretch)
             moved = np.exp(np.log(np.where(poles == 0.0, 1e-6, poles)) * stretch)
             start = best.point.copy()

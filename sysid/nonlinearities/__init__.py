@@ -1,6 +1,7 @@
 """Input nonlinearities of known structure: values, slopes, moments and exact pieces.
 
-``NONLINEARITIES`` lists all of them by name; ``nonlinearity(name)`` finds one.
+``NONLINEARITIES`` lists all of them by name; ``nonlinearity(name)`` finds one.  `PiecewiseAffine`,
+`Quantiser`, `MonotonePieces` and `sine` are fully known maps with their preimages.
 """
 
 from collections.abc import Mapping
@@ -22,6 +23,7 @@ from sysid.nonlinearities.hard import (
     StaticMap,
     TwoSidedMap,
 )
+from sysid.nonlinearities.known import SIGN, MonotonePieces, PiecewiseAffine, Quantiser, sine
 from sysid.nonlinearities.memory import (
     HYSTERESIS,
     HYSTERESIS_RELAY,
@@ -34,6 +36,7 @@ from sysid.nonlinearities.memory import (
     SchmittTrigger,
 )
 from sysid.nonlinearities.pieces import AffinePieces
+from sysid.nonlinearities.preimages import KnownMap, Preimage
 from sysid.nonlinearities.segment import SEGMENT, SegmentMap, Segments
 from sysid.nonlinearities.spline import (
     Spline,
@@ -56,6 +59,7 @@ __all__ = [
     "SATURATION",
     "SCHMITT_TRIGGER",
     "SEGMENT",
+    "SIGN",
     "TWO_SIDED_DEAD_ZONE",
     "TWO_SIDED_PRELOAD",
     "TWO_SIDED_RELAY",
@@ -64,10 +68,15 @@ __all__ = [
     "HardMap",
     "Hysteresis",
     "HysteresisRelay",
+    "KnownMap",
     "MemoryMap",
+    "MonotonePieces",
     "Nonlinearity",
     "OneParameterMap",
+    "PiecewiseAffine",
     "Play",
+    "Preimage",
+    "Quantiser",
     "SchmittTrigger",
     "SegmentMap",
     "Segments",
@@ -78,6 +87,7 @@ __all__ = [
     "equal_knots",
     "nonlinearity",
     "quantile_knots",
+    "sine",
     "spline_basis",
     "supported_knots",
 ]

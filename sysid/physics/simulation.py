@@ -181,6 +181,19 @@ class Simulator:
         chosen = [*self._positions, *range(p.size, p.size + self.model.order)]
         return y, J if len(chosen) == J.shape[2] else np.ascontiguousarray(J[:, :, chosen])
 
+    def delayed_input(self, u: ArrayLike, values: Mapping[str, float], before: float = 0.0) -> Floats:
+        """Return the input as the equations see it, behind its delays; same shape.
+
+        Parameters
+        ----------
+        u : array_like, shape (n_samples, n_inputs)
+        values : mapping of str to float
+        before : float
+            Share of the first input that a delayed input shows before the first sample: 0 or 1.
+        """
+        signal, _, known = self._checked(values, u, None)
+        return self._delayed(signal, known, before, slopes=False)[0]
+
     def _checked(
         self, values: Mapping[str, float], u: ArrayLike, start: ArrayLike | None
     ) -> tuple[Floats, Floats, dict[str, float]]:

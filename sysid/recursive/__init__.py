@@ -8,6 +8,7 @@ from sysid.recursive.convergence import (
     stationary_period,
     transition_matrix,
 )
+from sysid.recursive.identify import identify_levels
 from sysid.recursive.interpolation import interpolation_coefficients, interpolation_polynomial
 from sysid.recursive.persistence import Excitation, excitation_of
 from sysid.recursive.recovery import HammersteinParameters, RankOne, rank_one, recover
@@ -25,6 +26,7 @@ __all__ = [
     "averaged_rate",
     "convergence_rate",
     "excitation_of",
+    "identify_levels",
     "interpolation_coefficients",
     "interpolation_polynomial",
     "rank_one",

@@ -74,7 +74,7 @@ class Levels:
     def number(self, u: float) -> int:
         """Return the number of the level of one input value, -1 for zero."""
         found = self._number.get(u)
-        return self._nearest(float(u), "the input") if found is None else found
+        return self._nearest(u, "the input") if found is None else found
 
     def numbers(self, u: Floats) -> Indices:
         """Return the number of the level of each input value, shape (n_samples,)."""
@@ -175,6 +175,12 @@ class Recursive(ABC):
         DataError
             If y is not finite or u is no level; the estimate is then as before.
         """
+        try:
+            u, y = float(u), float(y)
+        except (TypeError, ValueError):
+            raise DataError(
+                f"sample {self.samples} is (u, y) = ({u!r}, {y!r}): give two real numbers"
+            ) from None
         number = self._levels.number(u)
         if not math.isfinite(y):
             raise DataError(
@@ -182,7 +188,7 @@ class Recursive(ABC):
                 "fill it"
             )
         self.samples += 1
-        return self._step(number, self._levels.values[number] if number >= 0 else 0.0, float(y))
+        return self._step(number, self._levels.values[number] if number >= 0 else 0.0, y)
 
     def run(self, u: ArrayLike, y: ArrayLike, *, every: int = 1) -> tuple[Floats, Floats]:
         """Take many samples in one compiled loop; the same numbers as `update` one by one.

@@ -1,0 +1,110 @@
+"""The picture of the missing map at each port, with its band and the data it rests on."""
+
+import warnings
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sysid.diagnosis.ports.curves import PortCurve
+from sysid.reporting.style import COLOURS, GREY, style, subplots, svg
+
+if TYPE_CHECKING:
+    from sysid.diagnosis.figures import Picture
+
+WIDE, NARROW = 7.2, 3.7
+PANEL_HEIGHT = 3.1
+# Where the density is below this share of its largest value, the curve is drawn as a guess.
+SPARSE = 0.02
+# The vertical axis reaches this many times beyond the curve where its data are dense.
+MARGIN = 0.12
+
+
+def ports_figure(curves: Sequence[PortCurve], width: float = WIDE) -> tuple[Any, str, str]:
+    """Draw one panel for each port: curve, 95 % band, and the density of data beneath.
+
+    Parameters
+    ----------
+    curves : sequence of PortCurve
+        As `explore_ports` returns them.
+    width : float
+        Width of the figure [inch]; panels stand side by side where there is room.
+
+    Returns
+    -------
+    figure : matplotlib.figure.Figure
+    title : str
+    reading : str
+        One sentence for each port.
+    """
+    drawn = [curve for curve in curves if curve.value.size]
+    beside = 2 if width > NARROW and len(drawn) > 1 else 1
+    rows = max(-(-len(drawn) // beside), 1)
+    figure, grid = subplots(
+        2 * rows,
+        beside,
+        width=width,
+        height=PANEL_HEIGHT * rows,
+        squeeze=False,
+        height_ratios=(4, 1) * rows,
+    )
+    for number in range(rows * beside):
+        top, bottom = grid[2 * (number // beside) : 2 * (number // beside) + 2, number % beside]
+        if number < len(drawn):
+            _panel(top, bottom, drawn[number])
+        else:
+            top.set_axis_off()
+            bottom.set_axis_off()
+    reading = " ".join(curve.sentence for curve in curves)
+    return figure, "What a static map at each port would have to look like", reading
+
+
+def ports_picture(curves: Sequence[PortCurve]) -> "Picture":
+    """Draw the figure for wide and narrow screens, as SVG.
+
+    Parameters
+    ----------
+    curves : sequence of PortCurve
+    """
+    from sysid.diagnosis.figures import Picture
+
+    with style(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")  # a name in a rare script
+        wide, title, reading = ports_figure(curves, WIDE)
+        narrow, _, _ = ports_figure(curves, NARROW)
+        return Picture(title, reading, svg(wide), svg(narrow))
+
+
+def _panel(top: Any, bottom: Any, curve: PortCurve) -> None:
+    dense = curve.density > SPARSE * curve.density.max()
+    top.axhline(0.0, color=GREY, linewidth=0.6)
+    top.fill_between(curve.value, curve.lower, curve.upper, color="#cfcfcf", linewidth=0, label="95 % band")
+    known = np.where(dense, curve.centre, np.nan)
+    top.plot(curve.value, curve.centre, color=COLOURS[0], linestyle=(0, (1.2, 1.4)), linewidth=1.0)
+    top.plot(curve.value, known, color=COLOURS[0], linewidth=1.6, label="missing map")
+    low, high = float(curve.lower[dense].min()), float(curve.upper[dense].max())
+    top.set_ylim(low - MARGIN * (high - low) - 1e-300, high + MARGIN * (high - low) + 1e-300)
+    top.set_title(_heading(curve), loc="left")
+    top.set_ylabel(_label(curve.result, curve.result_unit))
+    top.tick_params(labelbottom=False)
+    bottom.fill_between(
+        curve.value, 0.0, curve.density, step="mid", color=COLOURS[0], alpha=0.45, linewidth=0
+    )
+    for knot in curve.knots:
+        bottom.axvline(knot, ymax=0.16, color=GREY, linewidth=0.6)
+    bottom.set_ylim(bottom=0.0)
+    bottom.set_yticks([])
+    bottom.set_ylabel("data")
+    bottom.set_xlabel(_label(curve.quantity, curve.unit))
+    for axes in (top, bottom):
+        axes.set_xlim(curve.value[0], curve.value[-1])
+
+
+def _heading(curve: PortCurve) -> str:
+    from sysid.diagnosis.wording import percent
+
+    return f"{curve.port}: at most {percent(curve.explains_at_most)} of the error"
+
+
+def _label(name: str, unit: str) -> str:
+    return f"{name} [{unit or '–'}]".replace("$", r"\$")
