@@ -104,6 +104,12 @@ def test_noise_that_is_coloured_by_nature_may_be_named_or_not():
     assert scores(outcome(**(hard | {"tier": "normal"})))["first"] == 0.0
 
 
+def test_no_reduction_is_asked_where_nothing_can_be_gained():
+    noise = outcome(truth=("coloured_noise",), reduction=None)
+    found = summarise([noise, outcome()])["normal"]["scores"]["reduction"]
+    assert (found["hits"], found["n"]) == (1, 1)
+
+
 def test_shares_carry_wilson_intervals_and_targets():
     found = summarise([outcome()] * 19 + [outcome(ranked=["in_relay"])])["normal"]["scores"]["first"]
     assert (found["hits"], found["n"], found["met"]) == (19, 20, True)

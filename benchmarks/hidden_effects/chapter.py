@@ -135,6 +135,9 @@ def power(results: Results) -> Display:
             look = display.series(index, marker=True)
             panel.errorbar(middle, value, np.maximum(bars, 0.0), capsize=2, label=tier, **look)
     axes[0].set_xscale("log")
+    ticks = [0.01, 0.02, 0.05, 0.1, 0.2]
+    axes[0].set_xticks(ticks, [f"{100 * tick:.0f} %" for tick in ticks])
+    axes[0].minorticks_off()
     axes[0].set_xlabel("share of the variance beyond linear models")
     axes[1].set_xlabel("signal-to-noise ratio [dB]")
     axes[0].set_ylabel("true effect accepted")

@@ -62,7 +62,7 @@ def false_alarm(outcome: Outcome) -> bool:
 
 def reduced(outcome: Outcome) -> bool:
     """Tell whether nine tenths of what the true structure gains were gained."""
-    return outcome["reduction"] is None or outcome["reduction"] >= 0.9
+    return bool(outcome["reduction"] >= 0.9)
 
 
 def both(outcome: Outcome) -> bool:
@@ -130,7 +130,10 @@ def _tier(outcomes: Sequence[Outcome], tier: str) -> dict[str, Any]:
 
 def _score(outcomes: Sequence[Outcome], name: str, tier: str) -> dict[str, Any]:
     kinds, judge = SCORES[name]
-    share = _share(judge, [outcome for outcome in outcomes if outcome["kind"] in kinds])
+    asked = [outcome for outcome in outcomes if outcome["kind"] in kinds]
+    if name == "reduction":  # where there is something to be gained
+        asked = [outcome for outcome in asked if outcome.get("reduction", 0.0) is not None]
+    share = _share(judge, asked)
     least, most = TARGETS[tier].get(name, (None, None))
     value = share["share"]
     met = None
