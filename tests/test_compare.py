@@ -1,5 +1,6 @@
 """Comparison: scores, intervals, residual tests, findings, page, command."""
 
+import dataclasses
 import json
 import math
 import os
@@ -15,8 +16,9 @@ from scipy import signal
 from sysid.cli import main
 from sysid.data import make_record
 from sysid.diagnosis.compare import compare
-from sysid.diagnosis.figures import envelope, power_density
-from sysid.diagnosis.residuals import input_independence, whiteness, worst_windows
+from sysid.diagnosis.figures import envelope
+from sysid.diagnosis.figures_residual import power_density
+from sysid.diagnosis.residuals import input_independence, whiteness
 from sysid.diagnosis.scores import nrmse_interval, score
 from sysid.errors import UsageError
 
@@ -121,21 +123,6 @@ def test_cross_correlation_is_that_of_numpy():
     np.testing.assert_allclose(test.correlation, full[299 - 25 : 299 + 26], atol=1e-12)
 
 
-def test_windows_are_found_where_the_error_is_and_nowhere_else():
-    rng = np.random.default_rng(7)
-    e = rng.standard_normal(4000)
-    e[2000:2400] *= 4.0
-    windows = worst_windows(e)
-    assert {w.first for w in windows} == {2000, 2200}
-    assert windows[0].error_share > 4 * windows[0].data_share
-    alarms = 0
-    for memory in (0.0, 0.9):
-        errors = signal.lfilter([1.0], [1.0, -memory], rng.standard_normal((200, 2000)), axis=1)
-        alarms += sum(bool(worst_windows(error)) for error in errors)
-    assert alarms <= 14  # 1 % of 400 nominal, corrected for the twenty windows; 2 % where the error is slow
-    assert worst_windows(np.zeros(100)) == ()
-
-
 # Comparison
 
 
@@ -161,6 +148,13 @@ def test_json_is_strict_and_has_the_agreed_form(comparison):
     assert {"name", "order", "delay", "parameters"} <= set(content["model"])
     assert content["model"]["parameters"]["b1"]["unit"] == "m/V"
     assert set(content["model"]["parameters"]["a1"]) == {"value", "std_error", "unit"}
+    assert {"nrmse", "method"} <= set(content["noise_floor"])
+    assert {"residual_squared_input", "distortion", "whiteness"} <= set(content["tests"])
+    assert content["where"] == []
+    assert {"time", "input u", "output", "velocity", "velocity-sign", "frequency"} <= set(content["shares"])
+    for bars in content["shares"].values():
+        assert all({"region", "error_share", "data_share", "p_value"} <= set(bar) for bar in bars)
+    assert sum(bar["error_share"] for bar in content["shares"]["time"]) == pytest.approx(1.0)
     wanted = {"rmse", "nrmse", "fit", "vaf", "unit", "interval", "window", "initial_state", "one_step"}
     assert wanted <= set(content["scores"]["test"])
 
@@ -232,7 +226,31 @@ def test_page_is_self_contained_and_safe():
 
 
 def test_page_is_the_same_for_the_same_record(comparison, page):
-    assert comparison.to_html() == page
+    from sysid.diagnosis.content import content_of
+    from sysid.diagnosis.page import render
+
+    assert render(content_of(comparison)) == page  # drawn anew
+
+
+def test_pdf_has_the_content_of_the_page_and_is_repeatable(comparison):
+    document = comparison.to_pdf()
+    assert document.startswith(b"%PDF-")
+    assert document == comparison.to_pdf()
+    headings = [section.heading for section in comparison.content.sections]
+    assert headings[:3] == ["Scores", "Measured and modelled", "Where it fails"]
+    assert all(f"<h2>{heading}</h2>" in comparison.to_html() for heading in headings)
+
+
+def test_free_form_curves_are_listed_where_there_are_any(comparison):
+    class Curve:
+        sentence = "A static map at the input would explain at most 61 % of the error."
+
+        def to_json(self):
+            return {"port": "input", "explains_at_most": 0.61, "curve": []}
+
+    with_port = dataclasses.replace(comparison, ports=(Curve(),))
+    assert with_port.to_json()["ports"] == [{"port": "input", "explains_at_most": 0.61, "curve": []}]
+    assert Curve.sentence in with_port.sentences()
 
 
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
@@ -273,7 +291,8 @@ def test_few_test_rows_are_scored_and_not_tested(scored):
     comparison = compare(rec, order=2)
     assert comparison.score_of("test").n_rows == scored
     assert f"The {scored} samples of test are too few to tell" in " ".join(comparison.sentences())
-    assert "Spectrum" not in comparison.to_html()
+    if scored == 5:
+        assert "Spectrum" not in comparison.to_html()
 
 
 def test_constant_output_on_test_has_no_share_explained():
@@ -327,7 +346,8 @@ def test_command_writes_page_and_json_and_answers(tmp_path, monkeypatch, capsys)
         "--period",
         "0.1",
     ]
-    assert main(["compare", "pump.csv", *options, "--order", "2", "--json", "out/pump.json"]) == 0
+    results = ["--json", "out/pump.json", "--pdf", "out/pump.pdf"]
+    assert main(["compare", "pump.csv", *options, "--order", "2", *results]) == 0
     out, err = capsys.readouterr()
     assert out.startswith("A second-order linear model explains ")
     assert "Page: sysid-out/pump.compare.html" in out
@@ -337,6 +357,8 @@ def test_command_writes_page_and_json_and_answers(tmp_path, monkeypatch, capsys)
     assert content["model"]["order"] == 2
     assert content["scores"]["test"]["window"]["skip"] == 0
     assert Path("sysid-out/pump.compare.html").stat().st_size > 50_000
+    assert Path("out/pump.pdf").read_bytes().startswith(b"%PDF-")
+    assert "PDF: out/pump.pdf" in out
     assert path.read_bytes() == before
 
 

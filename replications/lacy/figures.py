@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from replications import diagrams
 from replications.lacy import setting
 from sysid.reporting import display
 from sysid.reporting.display import Display
@@ -22,21 +23,21 @@ LOOKS: Mapping[str, tuple[str, str, str]] = {
 
 def block_diagram() -> Display:
     """Draw figure 1: the structure that is identified."""
-    drawing, axes = display.subplots(height=1.15)
-    axes.set(xlim=(0, 10), ylim=(0, 2))
-    axes.axis("off")
-    box = {"boxstyle": "square,pad=0.55", "facecolor": "white", "edgecolor": "black"}
-    arrow = {"arrowstyle": "-|>", "color": "black", "shrinkA": 0, "shrinkB": 0}
-    axes.text(2.7, 0.8, r"$\frac{b_0+b_1q^{-1}+b_2q^{-2}}{1+a_1q^{-1}+a_2q^{-2}}$",
-              ha="center", va="center", fontsize=13, bbox=box)  # fmt: skip
-    axes.plot(5.4, 0.8, "o", markersize=15, markerfacecolor="white", markeredgecolor="black")
-    axes.text(5.4, 0.8, "+", ha="center", va="center")
-    axes.text(7.5, 0.8, r"$\mathcal{N}(\cdot)$", ha="center", va="center", bbox=box)
-    for start, end in (((0.3, 0.8), (1.3, 0.8)), ((4.1, 0.8), (5.15, 0.8)), ((5.65, 0.8), (6.85, 0.8)),
-                       ((8.15, 0.8), (9.6, 0.8)), ((5.4, 1.8), (5.4, 1.1))):  # fmt: skip
-        axes.annotate("", xy=end, xytext=start, arrowprops=arrow)
-    for x, y, name in ((0.7, 1.0, "u(k)"), (4.6, 1.0, "y(k)"), (9.1, 1.0, "z(k)"), (5.7, 1.6, "w(k)")):
-        axes.text(x, y, f"${name}$", ha="center")
+    drawing = diagrams.block_diagram(
+        blocks=[
+            (2.7, r"$\frac{b_0+b_1q^{-1}+b_2q^{-2}}{1+a_1q^{-1}+a_2q^{-2}}$", 13),
+            (7.5, r"$\mathcal{N}(\cdot)$", 10),
+        ],
+        sums=[5.4],
+        arrows=[
+            ((0.3, 0.8), (1.3, 0.8)),
+            ((4.1, 0.8), (5.15, 0.8)),
+            ((5.65, 0.8), (6.85, 0.8)),
+            ((8.15, 0.8), (9.6, 0.8)),
+            ((5.4, 1.8), (5.4, 1.1)),
+        ],
+        signals=[(0.7, 1.0, "u(k)"), (4.6, 1.0, "y(k)"), (9.1, 1.0, "z(k)"), (5.7, 1.6, "w(k)")],
+    )
     return display.figure(
         drawing,
         "Figure 1 regenerated: the structure as it is implemented, with the noise of (30).",

@@ -3,7 +3,7 @@
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -124,6 +124,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--html", metavar="FILE", type=Path, help="page (default: sysid-out/<record>.compare.html)"
     )
+    group.add_argument("--pdf", metavar="FILE", type=Path, help="the same content as a PDF")
     group.add_argument("--json", metavar="FILE", type=Path, help="numbers for other programs")
 
 
@@ -161,7 +162,8 @@ def run(arguments: argparse.Namespace) -> int:
     fixed = assigned_values("--fix", arguments.fix)
     resolve_model(arguments.model, arguments.order, start, fixed)  # before a long file is read
     page = arguments.html or DEFAULT_FOLDER / f"{_stem(arguments.data)}.compare.html"
-    check_results([path for path in (page, arguments.json) if path is not None], arguments.data)
+    results = [path for path in (page, arguments.pdf, arguments.json) if path is not None]
+    check_results(results, arguments.data)
     record = read_data(arguments)
     # All products are of one long row: a second thread would only wait, and take the time of others.
     with threadpool_limits(1), progress() as bars:
@@ -177,10 +179,13 @@ def run(arguments: argparse.Namespace) -> int:
             )
         with bars.task("page", total=None):
             text = comparison.to_html()
+            document = comparison.to_pdf() if arguments.pdf is not None else b""
     write_text(page, text)
+    if arguments.pdf is not None:
+        write_result(arguments.pdf, document)
     if arguments.json is not None:
         write_text(arguments.json, to_json_text(comparison.to_json()))
-    _print(comparison, page, arguments.json)
+    _print(comparison, {"Page": page, "PDF": arguments.pdf, "JSON": arguments.json})
     return 0
 
 
@@ -205,10 +210,15 @@ def to_json_text(content: dict[str, Any]) -> str:
 
 
 def write_text(path: Path, text: str) -> None:
+    """Write a text, with its folder if need be."""
+    write_result(path, text.encode("utf-8", errors="backslashreplace"))  # a name may be no Unicode
+
+
+def write_result(path: Path, content: bytes) -> None:
     """Write a result, with its folder if need be."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8", errors="backslashreplace")  # a name may be no Unicode
+        path.write_bytes(content)
     except OSError as problem:
         raise _unwritable(path, problem.strerror) from None
 
@@ -255,7 +265,7 @@ def _stem(data: Path) -> str:
     return data.name.removesuffix(".gz").rsplit(".", 1)[0]
 
 
-def _print(comparison: "Comparison", page: Path, numbers: Path | None) -> None:
+def _print(comparison: "Comparison", results: Mapping[str, Path | None]) -> None:
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
@@ -285,6 +295,6 @@ def _print(comparison: "Comparison", page: Path, numbers: Path | None) -> None:
     console.print()
     console.print(table)
     console.print()
-    console.print(f"Page: {page}", markup=False, soft_wrap=True)
-    if numbers is not None:
-        console.print(f"JSON: {numbers}", markup=False, soft_wrap=True)
+    for name, path in results.items():
+        if path is not None:
+            console.print(f"{name}: {path}", markup=False, soft_wrap=True)

@@ -3,6 +3,7 @@
 import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,51 +12,23 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import ESTIMATION_LABELS, Mask
 from sysid.diagnosis.models import LINEAR, FittedModel, fit_model, resolve_model
-from sysid.diagnosis.residuals import CorrelationTest, Window, input_independence, whiteness, worst_windows
-from sysid.diagnosis.scores import SetScore, finite, nrmse_interval, score
+from sysid.diagnosis.noise import NoiseFloor, noise_floor
+from sysid.diagnosis.nonlinear_tests import nonlinear_tests
+from sysid.diagnosis.periods import Distortion, distortion, periodic_part
+from sysid.diagnosis.residuals import CorrelationTest, input_independence, whiteness
+from sysid.diagnosis.scores import SetScore, nrmse_interval, score
+from sysid.diagnosis.series import Series, judged_series
 from sysid.diagnosis.summary import data_json, model_json, sentences
-from sysid.diagnosis.wording import percent, significant
+from sysid.diagnosis.where import Finding, Location, locate
 from sysid.errors import UsageError
 
 if TYPE_CHECKING:
-    from sysid.linear.forms import Floats
+    from sysid.diagnosis.content import Content
+    from sysid.diagnosis.models import PortView
     from sysid.linear.simulation import Prediction
     from sysid.physics import Model, Starts
-
-NO_NOISE_FLOOR = "not estimated: a noise floor needs repeated periods or a nonparametric model of the record"
-
-
-@dataclass(frozen=True)
-class Finding:
-    """Where the error lies.
-
-    Attributes
-    ----------
-    kind : str
-        ``"time"`` in this form.
-    region : dict
-        Which part of the data.
-    error_share, data_share, p_value : float
-    sentence : str
-    """
-
-    kind: str
-    region: dict[str, Any]
-    error_share: float
-    data_share: float
-    p_value: float
-    sentence: str
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the form of the JSON file."""
-        return {
-            "kind": self.kind,
-            "region": self.region,
-            "error_share": finite(self.error_share),
-            "data_share": finite(self.data_share),
-            "p_value": finite(self.p_value),
-            "sentence": self.sentence,
-        }
+# Percentage of the work that is done when the model is fitted.
+FITTING_SHARE = 60
 
 
 @dataclass(frozen=True)
@@ -73,9 +46,17 @@ class Comparison:
     judged : str
         The set of rows that the sentences, tests and findings speak of: the first test set or,
         without any, the validation rows.
+    noise_floor : NoiseFloor
+    series : Series
+        Residual and signals on the judged rows.
     tests : mapping of str to CorrelationTest
-    where : tuple of Finding
+    distortion : Distortion
+        Even and odd nonlinear distortion, where the input is periodic and leaves lines out.
+    location : Location
+        Where the error lies: findings, and the shares that are drawn.
     warnings : tuple of str
+    ports : tuple of PortView
+        Free-form curves at the ports of the model, if they were explored.
     """
 
     record: Record
@@ -83,9 +64,18 @@ class Comparison:
     prediction: "Prediction"
     scores: tuple[SetScore, ...]
     judged: str
+    noise_floor: NoiseFloor
+    series: Series
     tests: dict[str, CorrelationTest]
-    where: tuple[Finding, ...]
+    distortion: Distortion
+    location: Location
     warnings: tuple[str, ...]
+    ports: "tuple[PortView, ...]" = ()
+
+    @property
+    def where(self) -> tuple[Finding, ...]:
+        """Findings: where the error is concentrated, beyond chance and by enough to matter."""
+        return self.location.findings
 
     def score_of(self, name: str) -> SetScore:
         """Return the scores of one set of rows."""
@@ -101,20 +91,35 @@ class Comparison:
             "schema": 1,
             "model": model_json(self),
             "scores": {s.name: s.to_json() for s in self.scores},
-            "noise_floor": {"nrmse": None, "method": None, "reason": NO_NOISE_FLOOR},
+            "noise_floor": self.noise_floor.to_json(),
             "where": [finding.to_json() for finding in self.where],
-            "tests": {name: test.to_json() for name, test in self.tests.items()},
-            "ports": [],
+            "shares": self.location.to_json(),
+            "tests": {name: test.to_json() for name, test in self.tests.items()}
+            | {"distortion": self.distortion.to_json()},
+            "ports": [port.to_json() for port in self.ports],
             "warnings": list(self.warnings),
             "data": data_json(self.record),
             "sentences": self.sentences(),
         }
 
+    @cached_property
+    def content(self) -> "Content":
+        """What page and PDF show, its figures drawn once."""
+        from sysid.diagnosis.content import content_of
+
+        return content_of(self)
+
     def to_html(self) -> str:
         """Return the page as one self-contained HTML text."""
         from sysid.diagnosis.page import render
 
-        return render(self)
+        return render(self.content)
+
+    def to_pdf(self) -> bytes:
+        """Return the same content as a PDF."""
+        from sysid.diagnosis.document import render_pdf
+
+        return render_pdf(self.content)
 
     def __repr__(self) -> str:
         return "\n".join(
@@ -198,18 +203,56 @@ def compare(
         delay=delay,
         constant=constant,
         initial_state=initial_state,
-        progress=progress,
+        progress=_part_of(progress, 0, FITTING_SHARE),
     )
     prediction = fitted.predict(record)
-    scores = _all_scores(record, fitted, prediction)
     judged, rows = _judged_rows(record)
-    residual = record.y[rows, 0] - prediction.free_run[rows]
-    tests = {"whiteness": whiteness(residual)}
-    for index, name in enumerate(record.inputs):
-        key = "input_residual" if len(record.inputs) == 1 else f"input_residual_{name}"
-        tests[key] = input_independence(record.u[rows, index], residual)
-    where = _time_findings(record, judged, rows, residual)
-    return Comparison(record, fitted, prediction, scores, judged, tests, where, _warnings(record, fitted))
+    delay_found = int(fitted.details().get("delay", 1))
+    series, learned = (
+        judged_series(record, name, chosen, prediction.free_run, delay_found)
+        for name, chosen in ((judged, rows), (record.estimation_label, record.learning))
+    )
+    return Comparison(
+        record=record,
+        model=fitted,
+        prediction=prediction,
+        scores=_all_scores(record, fitted, prediction),
+        judged=judged,
+        noise_floor=noise_floor(record, prediction.free_run, rows),
+        series=series,
+        tests=_tests(series),
+        distortion=_distortion(record, rows),
+        location=locate(series, learned, _part_of(progress, FITTING_SHARE, 100)),
+        warnings=_warnings(record, fitted),
+    )
+
+
+def _part_of(
+    progress: Callable[[int, int], None] | None, first: int, last: int
+) -> Callable[[int, int], None] | None:
+    """Return a callback that moves from one percentage to another."""
+    if progress is None:
+        return None
+    return lambda done, total: progress(first + (last - first) * done // max(total, 1), 100)
+
+
+def _tests(series: Series) -> dict[str, CorrelationTest]:
+    names = series.record.inputs
+    tests = {"whiteness": whiteness(series.residual)}
+    for index, name in enumerate(names):
+        key = "input_residual" if len(names) == 1 else f"input_residual_{name}"
+        tests[key] = input_independence(series.record.u[series.places, index], series.residual)
+    return tests | nonlinear_tests(series)
+
+
+def _distortion(record: Record, rows: Mask) -> Distortion:
+    """Return the distortion in the first judged experiment that is periodic, or in any other."""
+    everywhere = np.ones(record.n_samples, dtype=bool)
+    for used in (rows, everywhere):
+        for part in record.slices:
+            if (periodic := periodic_part(record, part, used)) is not None:
+                return distortion(periodic, record.period)
+    return distortion(None, record.period)
 
 
 def _check_output(record: Record) -> None:
@@ -271,43 +314,6 @@ def _set_score(
         initial_state="; ".join(sorted(starts)),
         fitted_on=fitted_on,
     )
-
-
-def _time_findings(record: Record, judged: str, rows: Mask, residual: "Floats") -> tuple[Finding, ...]:
-    places = np.flatnonzero(rows)
-    findings = []
-    for window in worst_windows(residual):
-        start, end = _seconds(record, places, window)
-        findings.append(
-            Finding(
-                kind="time",
-                region={
-                    "set": judged,
-                    "from_s": start,
-                    "to_s": end,
-                    "first_row": int(places[window.first]) + 1,
-                    "last_row": int(places[window.last - 1]) + 1,
-                },
-                error_share=window.error_share,
-                data_share=window.data_share,
-                p_value=window.p_value,
-                sentence=(
-                    f"{percent(window.error_share)} of the squared error on {judged} lies "
-                    f"between {significant(start, 4)} and {significant(end, 4)} s, "
-                    f"{percent(window.data_share)} of the time."
-                ),
-            )
-        )
-    return tuple(findings)
-
-
-def _seconds(
-    record: Record, places: np.ndarray[tuple[int], np.dtype[np.int64]], window: Window
-) -> tuple[float, float]:
-    """Return start and end of a window in seconds from the start of its experiment."""
-    first, last = int(places[window.first]), int(places[window.last - 1])
-    origin = max(start for start in record.starts if start <= first)
-    return (first - origin) * record.period, (last - origin + 1) * record.period
 
 
 def _warnings(record: Record, model: FittedModel) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.evidence import ScoreScreen, block_separation, orthonormal, remainder, score_screen
-from sysid.diagnosis.noise import Noise, noise_of
+from sysid.diagnosis.noise_colour import Noise, noise_of
 from sysid.diagnosis.structures import Choice, Structure, StructureFit, filtered
 
 NOISE_EFFECT = "coloured_noise"
@@ -19,7 +19,7 @@ TIED = 2.0
 # A further effect must explain this share of what all effects explain, or it is a detail of the first.
 LEAST_SHARE = 0.01
 # Something is left when the probes find this with a chance below it, and this share of the explainable.
-LEFT_P_VALUE = 1e-4
+LEFT_P_VALUE = 1e-6
 LEFT_SHARE = 0.004
 # Effects stay accepted beside something unexplained if they leave at most this share of the explainable.
 LEAST_EXPLAINED = 0.9
@@ -170,9 +170,8 @@ class Search:
                 tie = self._tied(found)
             if len(grown.choices) > n_given + 1:
                 grown = self._pruned(self._exchanged(grown, n_given), n_given)
-            if len(grown.choices) <= len(current.choices) and self._criterion(grown) >= self._criterion(
-                current
-            ):
+            no_larger = len(grown.choices) <= len(current.choices)
+            if no_larger and self._own_criterion(grown) >= self._own_criterion(current):
                 break
             fits = self._rungs(grown, baseline, n_given)
         return self._verdict(baseline, fits, trials, tie)
@@ -298,9 +297,12 @@ class Search:
         found = self._round(best.fit, True)
         if not found or found[0].fit is None:
             return None
-        second = found[0]
-        accepted = self._accepted(second, current, baseline, n_before > 0)
-        return second.fit if accepted and self._accepted(second, best.fit, baseline, True) else None
+        # The first was fitted without the second: search it again beside it.
+        pair = self._exchanged(found[0].fit, len(self.given))
+        second = replace(
+            found[0], fit=pair, noise=self._noise(pair), validation=self._held_out_error(pair, WHITE)
+        )
+        return pair if self._accepted(second, current, baseline, n_before > 0) else None
 
     def _foreseen_as_well(self, trial: Trial, current: StructureFit) -> bool:
         """Tell whether the held-out innovations do not rise by more than chance."""

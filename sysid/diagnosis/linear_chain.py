@@ -263,6 +263,10 @@ class Chain:
         first, second = self.laws
         return np.asarray(driven(run.x, run.z, data.begin, len(self.drives), first, p, second, q, du, dz, dv))
 
+    def felt(self, data: Data, point: Floats, x: Floats, z: Floats) -> Floats:
+        """Return the input that acts if the output were ``z``."""
+        return self._driven(data, point, Run(x, x, z, (z,)), 0.0, 0.0, 0.0)
+
     def _differences(self, data: Data, i: int, sequence: Floats, point: Floats) -> Floats:
         """Return the change of a map's result with each of its parameters."""
         place = self.places(data)[i]

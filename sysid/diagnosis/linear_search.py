@@ -72,7 +72,11 @@ class EffectSearch:
         return minimise(self.chain, self.data, point, self.noise, iterations=iterations)
 
     def joined(self, start: Floats, shapes: tuple[float, ...]) -> Floats:
-        """Return a point with these shapes and strengths of zero."""
+        """Return a point with these shapes; strengths of zero unless the start says more."""
+        if start.size == self.place.stop:
+            whole = start.copy()
+            whole[self.shapes] = shapes
+            return whole
         own = np.zeros(self.place.stop - self.place.start)
         own[self.shapes - self.place.start] = shapes
         return np.concatenate([start, own])

@@ -5,14 +5,18 @@ import numpy as np
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.levenberg import minimise
 from sysid.diagnosis.linear_chain import Chain, Data
+from sysid.diagnosis.linear_kernels import is_stable, simulate
 
 WHITE = np.ones(1)
 RETRIEVALS = 6
+REFILTERED = 4
 
 
 def further_starts(chain: Chain, data: Data, point: Floats) -> list[Floats]:
-    """Return values of the parameters before those of the last effect, besides ``point``."""
+    """Return further starts for the last effect: of the parameters before its own, or of all."""
     choice = chain.choices[-1]
+    if choice.effect.port in ("force", "gain") and len(chain.drives) == 1:
+        return _by_equation_error(chain, data, point)
     if choice.name == "out_rectify" and choice.form.name == "full-wave":
         return _with_signs(chain, data, point)
     return []
@@ -48,3 +52,85 @@ def _fit(chain: Chain, data: Data, point: Floats, y: Floats) -> Floats | None:
     other = Data(data.u, y, data.used, data.begin, data.period)
     end = minimise(chain, other, point, WHITE, iterations=8)
     return None if end is None else end.point
+
+
+def _by_equation_error(chain: Chain, data: Data, point: Floats) -> list[Floats]:
+    """Return starts for a force or gain by regression, the measured output in place of the modelled one.
+
+    The regression is linear in the coefficients and in the strength times them, so it has no local minimum.
+    Filtering by the last 1/A lessens what the noise does to it; a constant and a drift are taken along.
+
+    Source: Steiglitz & McBride (1965), IEEE Transactions on Automatic Control 10.
+    """
+    form, n, place = chain.choices[-1].form, chain.order, chain.places(data)[-1]
+    strengths = [place.start + i for i, p in enumerate(form.parameters) if p.is_strength]
+    if len(strengths) != 1:
+        return []
+    middle = [grid[grid.size // 2] for grid in form.starts(data.u, data.y[data.used], data.period)]
+    own = np.zeros(len(form.parameters))
+    own[list(form.shapes)] = middle
+    whole = np.concatenate([point, own])
+    unit = whole.copy()
+    unit[strengths] = 1.0
+    run = chain.run(data, whole)
+    if run is None:
+        return []
+    measured = np.where(data.used, data.y - (run.y - run.z), run.z)
+    starts = []
+    for seen in (measured, run.z):
+        a, current = np.zeros(n), seen
+        for step in range(REFILTERED):
+            felt = chain.felt(data, unit, run.x, current) - run.x
+            found = _regressed(data, n, a, measured, run.x, felt)
+            if found is None:
+                break
+            coefficients, strength = found
+            start = whole.copy()
+            start[: 2 * n], start[strengths] = coefficients, strength
+            a = coefficients[:n] if is_stable(coefficients[:n]) else a
+            simulated = chain.run(data, start)
+            if simulated is None:
+                continue
+            current = simulated.z
+            if step in (0, REFILTERED - 1):
+                starts.append(start)
+    return starts
+
+
+def _regressed(
+    data: Data, n: int, a: Floats, z: Floats, x: Floats, felt: Floats
+) -> tuple[Floats, float] | None:
+    """Return a, b and the strength from the equation error, all signals filtered by 1/A first."""
+    time = np.arange(z.size) / z.size
+    signals = np.array([z, x, felt, np.ones(z.size), time])
+    rows = [data.by_experiment(lambda s, p, T: _all_pole(s, a), signal, a) for signal in signals]
+    columns = [_lagged(data, -rows[0], i) for i in range(1, n + 1)]
+    columns += [_lagged(data, rows[j], i) for j in (1, 2) for i in range(1, n + 1)]
+    X = np.array([*columns, rows[3], rows[4]]).T[data.used]
+    size = np.linalg.norm(X, axis=0)
+    if not np.isfinite(size).all() or (size == 0.0).any():
+        return None
+    found = np.linalg.lstsq(X / size, rows[0][data.used], rcond=1e-10)[0] / size
+    b, d = found[n : 2 * n], found[2 * n : 3 * n]
+    return found[: 2 * n], float(b @ d / max(float(b @ b), 1e-300))
+
+
+def _all_pole(signal: Floats, a: Floats) -> Floats:
+    """Filter by 1/A from rest."""
+    z = np.empty(signal.size)
+    begin = np.array([0, signal.size])
+    b = np.zeros(a.size + 1)
+    b[0] = 1.0
+    # The kernel's B starts at one lag: one more coefficient of A and a shift give 1/A itself.
+    padded = np.append(signal[1:], 0.0)
+    start = np.zeros((1, a.size + 1))
+    start[0, 0] = signal[0]
+    simulate(padded, np.append(a, 0.0), b, 0.0, start, begin, z)
+    return z
+
+
+def _lagged(data: Data, signal: Floats, lag: int) -> Floats:
+    out = np.zeros_like(signal)
+    for i, j in zip(data.begin[:-1], data.begin[1:], strict=True):
+        out[i + lag : j] = signal[i : max(j - lag, i)]
+    return out

@@ -73,6 +73,7 @@ class LinearStructure:
         self.initial_state = initial_state
         self.order = self._chosen_order() if order is None else order
         self._data = lru_cache(maxsize=16)(self._make_data)
+        self._baselines: dict[bytes, Floats] = {}
 
     def offered(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
         """Return the effects that make sense for a linear difference equation, in the given order."""
@@ -176,6 +177,11 @@ class LinearStructure:
         point = self._carried(start, chain, data)
         if not new or kept != start.choices:
             minimum = self._polished(chain, data, point, noise)
+            if len(kept) < len(start.choices):
+                # Without the effect that was left out its equation may be another, or not be stable.
+                again = self._polished(chain, data, self._from_baseline(point, rows), noise)
+                if minimum is None or (again is not None and again.cost < minimum.cost):
+                    minimum = again
             if minimum is not None:
                 point = minimum.point
         agree = start.restarts_agree
@@ -190,6 +196,15 @@ class LinearStructure:
         end = "the search came to rest" if minimum.converged else "the search was still moving"
         status = f"{end}; " + ("several starts agree" if agree else "other starts ended elsewhere")
         return self._fitted(chain, data, rows, minimum, agree, status)
+
+    def _from_baseline(self, point: Floats, rows: Mask) -> Floats:
+        """Return a point with the coefficients of the model without effects."""
+        key = rows.tobytes()
+        if key not in self._baselines:
+            self._baselines[key] = self.baseline(rows).point[: 2 * self.order]
+        moved = point.copy()
+        moved[: 2 * self.order] = self._baselines[key]
+        return moved
 
     def _searched(
         self, chain: Chain, data: Data, rows: Mask, point: Floats, noise: Floats, effort: int

@@ -1,74 +1,229 @@
-"""The colour of a residual: an autoregression, its order chosen by the information criterion."""
+"""The noise floor: how much of the error no model of the record could explain."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from sysid.data import Record
 from sysid.data.record import Mask
-from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.structures import filtered
+from sysid.diagnosis.periods import EQUAL, Periodic, periodic_part
+from sysid.diagnosis.scores import finite
+from sysid.linear.forms import Floats
 
-LARGEST_ORDER = 12
-ROWS_PER_LAG = 20
+TARGETS = 20_000
+FEWEST_TARGETS = 60
+OUTPUT_LAGS, INPUT_LAGS, MODEL_LAGS, ERROR_LAGS = 30, 15, 3, 5
+SHAPED_LAGS = 3
+KNOTS = (0.05, 0.15, 0.3, 0.5, 0.7, 0.85, 0.95)
+PASSES = 5
+ROWS_PER_REGRESSOR = 8
 
 
-@dataclass(frozen=True, eq=False)
-class Noise:
-    """An autoregressive model of a residual.
+@dataclass(frozen=True)
+class NoiseFloor:
+    """An estimate of the noise in the output.
 
     Attributes
     ----------
-    polynomial : ndarray, shape (order + 1,)
-        D(q) with D r = white, leading 1 included.
-    variance : float
-        Of the innovations.
-    gain : float
-        How much lower the information criterion is than that of white noise.
+    rms : float
+        In the unit of the output; NaN if it cannot be had.
+    nrmse : float
+        As a share of the output's deviation on the judged rows.
+    method : str
+        How it was had, or why not.
+    repeated : bool
+        Whether it rests on repetitions, and so holds slow disturbances too.
     """
 
-    polynomial: Floats
-    variance: float
-    gain: float
+    rms: float
+    nrmse: float
+    method: str
+    repeated: bool
 
-    @property
-    def order(self) -> int:
-        """Number of lags; 0 for white noise."""
-        return int(self.polynomial.size) - 1
+    def to_json(self) -> dict[str, Any]:
+        """Return the form of the JSON file."""
+        return {
+            "nrmse": finite(self.nrmse),
+            "rms": finite(self.rms),
+            "method": self.method,
+            "from_repetitions": self.repeated,
+        }
 
 
-def noise_of(residual: Floats, rows: Mask, largest_order: int = LARGEST_ORDER) -> Noise:
-    """Fit an autoregression to the chosen rows of a residual.
+def noise_floor(record: Record, free_run: Floats, judged: Mask) -> NoiseFloor:
+    """Estimate the noise floor: from periods, from repeats, or by a flexible one-step predictor.
 
-    Examples
-    --------
-    >>> import numpy as np
-    >>> r = np.zeros(4000)
-    >>> e = np.random.default_rng(0).standard_normal(4000)
-    >>> for k in range(1, 4000):
-    ...     r[k] = 0.8 * r[k - 1] + e[k]
-    >>> noise = noise_of(r, np.ones(4000, dtype=bool))
-    >>> noise.order, bool(abs(noise.polynomial[1] + 0.8) < 0.03)
-    (1, True)
+    Parameters
+    ----------
+    record : Record
+    free_run : ndarray, shape (n_samples,)
+        Of the model that is compared; its error bounds the floor from above.
+    judged : ndarray of bool, shape (n_samples,)
+
+    Returns
+    -------
+    NoiseFloor
     """
-    n_rows = int(rows.sum())
-    largest = min(largest_order, n_rows // ROWS_PER_LAG)
-    values = np.where(rows, residual, 0.0)
-    target = values[rows]
-    # 1 + q^-lag less the residual itself leaves the lagged one, zero where a run of rows begins.
-    lagged = [
-        filtered(values, rows, np.eye(lag + 1)[0] + np.eye(lag + 1)[lag]) - target
-        for lag in range(1, largest + 1)
-    ]
-    R = np.linalg.qr(np.column_stack([*lagged, target]), mode="r")
-    found, best = Noise(np.ones(1), float(np.mean(target**2)), 0.0), np.inf
-    white = np.inf
-    for order in range(largest + 1):
-        tail = R[order:, -1]
-        variance = float(tail @ tail) / n_rows
-        criterion = n_rows * np.log(max(variance, 1e-300)) + order * np.log(n_rows)
-        white = criterion if order == 0 else white
-        if criterion < best:
-            best = criterion
-            coefficients = np.linalg.solve(R[:order, :order], R[:order, -1]) if order else np.empty(0)
-            found = Noise(np.concatenate([[1.0], -coefficients]), variance, white - criterion)
-    return found
+    y = record.y[judged, 0]
+    spread, error = float(np.std(y)), float(np.sqrt(np.mean((y - free_run[judged]) ** 2)))
+    everywhere = np.ones(record.n_samples, dtype=bool)
+    periodic = [p for part in record.slices if (p := periodic_part(record, part, everywhere)) is not None]
+    repeated = True
+    if periodic:
+        rms = _from_periods(periodic)
+        count = max(p.count for p in periodic)
+        method = f"scatter between {count} periods of the input"
+    elif (repeats := _from_repeats(record)) is not None:
+        rms, count = repeats
+        method = f"scatter between {count} experiments with the same input"
+    else:
+        repeated = False
+        rms = min(one_step_floor(record, free_run), error)
+        method = "one-step error of a nonparametric nonlinear autoregression"
+    if not np.isfinite(rms) or spread == 0.0:
+        return NoiseFloor(
+            float("nan"), float("nan"), "not estimated: too few rows, or a constant output", False
+        )
+    return NoiseFloor(rms, rms / spread, method, repeated)
+
+
+def _from_periods(parts: list[Periodic]) -> float:
+    """Return the root of the variance between periods, pooled over experiments."""
+    squares = sum(float(((p.y - p.y.mean(axis=0)) ** 2).sum()) for p in parts)
+    freedom = sum((p.count - 1) * p.length for p in parts)
+    return float(np.sqrt(squares / freedom))
+
+
+def _from_repeats(record: Record) -> tuple[float, int] | None:
+    """Return the noise between experiments of equal input, and the largest number of repeats.
+
+    The first tenth of each, in which different initial states die away, is left out.
+    """
+    groups: list[list[slice]] = []
+    spread = np.maximum(record.u.std(axis=0), 1e-300)
+    for part in record.slices:
+        for group in groups:
+            rows = min(part.stop - part.start, group[0].stop - group[0].start)
+            apart = record.u[part][:rows] - record.u[group[0]][:rows]
+            if rows >= FEWEST_TARGETS and bool((np.abs(apart) <= EQUAL * spread).all()):
+                group.append(part)
+                break
+        else:
+            groups.append([part])
+    squares, freedom, largest = 0.0, 0, 0
+    for group in (g for g in groups if len(g) > 1):
+        rows = min(part.stop - part.start for part in group)
+        y = np.array([record.y[part, 0][rows // 10 : rows] for part in group])
+        y = y[:, np.isfinite(y).all(axis=0)]
+        squares += float(((y - y.mean(axis=0)) ** 2).sum())
+        freedom += (len(group) - 1) * y.shape[1]
+        largest = max(largest, len(group))
+    return (float(np.sqrt(squares / freedom)), largest) if freedom else None
+
+
+def one_step_floor(record: Record, free_run: Floats) -> float:
+    """Return the one-step error of a flexible predictor, in the unit of the output.
+
+    Past outputs, inputs, the model's free run and past prediction errors enter linearly over many
+    lags; the latest of each, their differences and products enter by piecewise linear functions, too.
+    The regression is repeated with the prediction errors of the pass before (extended least squares:
+    Billings, 2013, Nonlinear system identification, section 3.4), so that noise in past outputs does
+    not add to the error.  White noise cannot be foreseen, so that its size is found; of coloured noise
+    only the part that is new in each row counts, and the floor is a lower bound.
+
+    Parameters
+    ----------
+    record : Record
+    free_run : ndarray, shape (n_samples,)
+
+    Returns
+    -------
+    float
+        NaN where there are too few rows.
+    """
+    total = int(np.isfinite(record.y[:, 0]).sum())
+    output_lags = int(np.clip(total // 40, 2, OUTPUT_LAGS))
+    input_lags = int(np.clip(total // (60 * len(record.inputs)), 1, INPUT_LAGS))
+    stretches, left = [], TARGETS
+    for part in reversed(record.slices):  # the test sets are mostly at the end
+        rows = _longest_measured(record, part)
+        if left < FEWEST_TARGETS or rows.size < FEWEST_TARGETS:
+            continue
+        rows = rows[:left]
+        left -= rows.size
+        stretches.append(_Stretch(record, free_run, rows, output_lags, input_lags))
+    if not stretches:
+        return float("nan")
+    errors = [np.zeros(stretch.y.size) for stretch in stretches]
+    floors: list[float] = []
+    for _ in range(PASSES):
+        blocks = [stretch.regressors(error) for stretch, error in zip(stretches, errors, strict=True)]
+        linear, signals = (np.vstack(parts) for parts in zip(*blocks, strict=True))
+        target = np.concatenate([stretch.y[stretch.first :] for stretch in stretches])
+        whole = np.column_stack([np.ones(target.size), linear, _shapes(signals)])
+        whole = whole[:, : max(target.size // ROWS_PER_REGRESSOR, 1)]
+        rest, rank = _left_over(whole, target)
+        floors.append(float(np.sqrt(rest @ rest / max(target.size - rank, 1))))
+        place = 0
+        for stretch, error in zip(stretches, errors, strict=True):
+            count = stretch.y.size - stretch.first
+            error[stretch.first :] = rest[place : place + count]
+            place += count
+    return min(floors)
+
+
+def _longest_measured(record: Record, part: slice) -> NDArray[np.int64]:
+    """Return the longest stretch of consecutive rows with a measured output."""
+    rows = part.start + np.flatnonzero(np.isfinite(record.y[part, 0]))
+    return max(np.split(rows, np.flatnonzero(np.diff(rows) != 1) + 1), key=len)
+
+
+class _Stretch:
+    """Consecutive rows: the regressors that do not change from pass to pass, and those that do."""
+
+    def __init__(
+        self, record: Record, free_run: Floats, rows: NDArray[np.int64], output_lags: int, input_lags: int
+    ) -> None:
+        self.y = np.ascontiguousarray(record.y[rows, 0])
+        self.first = max(output_lags, input_lags, MODEL_LAGS, ERROR_LAGS)
+        u, model = record.u[rows], free_run[rows]
+        n_inputs = u.shape[1]
+        past = [self._lagged(self.y, lag) for lag in range(1, output_lags + 1)]
+        model_past = [self._lagged(model, lag) for lag in range(MODEL_LAGS + 1)]
+        inputs = [self._lagged(u[:, i], lag) for i in range(n_inputs) for lag in range(input_lags + 1)]
+        self.linear = np.column_stack([*model_past, *past, *inputs])
+        latest = [model_past[0], model_past[0] - model_past[1]]
+        latest += [self._lagged(u[:, i], lag) for i in range(n_inputs) for lag in range(SHAPED_LAGS)]
+        self.signals = np.column_stack(latest)
+
+    def _lagged(self, values: Floats, lag: int) -> Floats:
+        return values[self.first - lag : values.size - lag]
+
+    def regressors(self, error: Floats) -> tuple[Floats, Floats]:
+        """Return the linear regressors and the signals that enter nonlinearly, given prediction errors."""
+        foreseen = self.y - error
+        one, two = self._lagged(foreseen, 1), self._lagged(foreseen, 2)
+        past = [self._lagged(error, lag) for lag in range(1, ERROR_LAGS + 1)]
+        return np.column_stack([*past, self.linear]), np.column_stack([one, one - two, self.signals])
+
+
+def _left_over(columns: Floats, target: Floats) -> tuple[Floats, int]:
+    """Return what least squares leaves of the target, and the rank."""
+    size = np.linalg.norm(columns, axis=0)
+    scaled = columns / np.where(size > 0.0, size, 1.0)
+    Q, R = np.linalg.qr(scaled)
+    left, values, _ = np.linalg.svd(R)
+    basis = Q @ left[:, values > 1e-9 * values[0]]
+    return np.asarray(target - basis @ (basis.T @ target)), int(basis.shape[1])
+
+
+def _shapes(signals: Floats) -> Floats:
+    """Return piecewise linear functions of each signal and the products of all pairs."""
+    spread = signals.std(axis=0)
+    scaled = (signals - signals.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
+    knots = np.quantile(scaled, KNOTS, axis=0)
+    hinges = [np.maximum(scaled - knot, 0.0) for knot in knots]
+    first, second = np.triu_indices(scaled.shape[1])
+    return np.hstack([*hinges, scaled[:, first] * scaled[:, second]])

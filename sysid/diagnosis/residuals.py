@@ -1,4 +1,4 @@
-"""Tests of a residual: is it white, is it free of the input; and when it is largest."""
+"""Tests of a residual: is it white, is it free of the input."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,11 +11,6 @@ from sysid.linear.forms import Floats
 LARGEST_LAG = 25
 BAND_LEVEL = 0.99
 BAND = 2.5758293035489004  # 99.5 % quantile of the normal distribution
-WINDOWS = 20
-WINDOW_LEVEL = 0.01
-LISTED_WINDOWS = 3
-PARTS = 8
-LARGEST_CORRELATION = 0.95
 
 
 @dataclass(frozen=True)
@@ -68,7 +63,7 @@ def whiteness(residual: Floats) -> CorrelationTest:
     largest = min(LARGEST_LAG, residual.size // 4)
     correlation = autocorrelation(residual, largest)[1:]
     band = np.full(largest, BAND / np.sqrt(residual.size))
-    return _tested(np.arange(1, largest + 1), correlation, band)
+    return corrected(np.arange(1, largest + 1), correlation, band)
 
 
 def input_independence(u: Floats, residual: Floats) -> CorrelationTest:
@@ -84,7 +79,7 @@ def input_independence(u: Floats, residual: Floats) -> CorrelationTest:
     size = float(np.linalg.norm(u_centred) * np.linalg.norm(e_centred))
     lags = np.arange(-largest, largest + 1)
     if size == 0.0:
-        return _tested(lags, np.zeros(lags.size), np.full(lags.size, BAND / np.sqrt(n)))
+        return corrected(lags, np.zeros(lags.size), np.full(lags.size, BAND / np.sqrt(n)))
     products = [
         e_centred[max(lag, 0) : n + min(lag, 0)] @ u_centred[max(-lag, 0) : n - max(lag, 0)]
         for lag in lags.tolist()
@@ -94,74 +89,16 @@ def input_independence(u: Floats, residual: Floats) -> CorrelationTest:
     taper = 1.0 - np.arange(rho_u.size) / rho_u.size
     variance = (1.0 + 2.0 * float(np.sum((rho_u * rho_e * taper)[1:]))) / n
     band = np.full(lags.size, BAND * np.sqrt(max(variance, 1.0 / n**2)))
-    return _tested(lags, np.array(products) / size, band)
+    return corrected(lags, np.array(products) / size, band)
 
 
-def _tested(
+def corrected(
     lags: np.ndarray[tuple[int], np.dtype[np.int64]], correlation: Floats, band: Floats
 ) -> CorrelationTest:
+    """Return the test, its p-value that of the largest excursion, corrected for the lags (Šidák)."""
     from math import erfc, expm1, log1p, sqrt
 
     largest = float(np.max(np.abs(correlation) / (band / BAND), initial=0.0))
     single = erfc(largest / sqrt(2.0))
     p_value = -expm1(lags.size * log1p(-single)) if single < 1.0 else 1.0
     return CorrelationTest(lags, correlation, band, float(p_value))
-
-
-@dataclass(frozen=True)
-class Window:
-    """A stretch of time with more than its share of the error.
-
-    Attributes
-    ----------
-    first, last : int
-        Rows of the scored stretch, the last one excluded.
-    error_share, data_share : float
-        Share of the squared error and of the rows.
-    p_value : float
-        Against the same error spread evenly, corrected for the number of windows.
-    """
-
-    first: int
-    last: int
-    error_share: float
-    data_share: float
-    p_value: float
-
-
-def worst_windows(residual: Floats) -> tuple[Window, ...]:
-    """Return the stretches of time that hold significantly more than their share of the error.
-
-    Twenty equal windows are compared, each with all others, by the logarithm of the mean squared
-    error.  How much that scatters by chance is measured inside the windows, from the means of eight
-    parts each and their correlation from part to part, so that a local failure does not hide itself.
-    """
-    from math import erfc, sqrt
-
-    length = residual.size // (WINDOWS * PARTS)
-    if length < 1:
-        return ()
-    used = length * PARTS * WINDOWS
-    squared = residual[:used] ** 2
-    means = squared.reshape(WINDOWS, -1).mean(axis=1)
-    if means.min() <= 0.0:
-        return ()
-    parts = squared.reshape(WINDOWS, PARTS, length).mean(axis=2) / means[:, np.newaxis] - 1.0
-    variance = float((parts**2).sum()) / (WINDOWS * (PARTS - 1))
-    lagged = (
-        float((parts[:, 1:] * parts[:, :-1]).sum() / max(float((parts**2).sum()), 1e-300))
-        * PARTS
-        / (PARTS - 1)
-    )
-    # Taking the mean of so few parts makes their correlation look smaller by about (1 + 3 rho) / PARTS.
-    correlation = min(max((lagged * PARTS + 1.0) / (PARTS - 3.0), 0.0), LARGEST_CORRELATION)
-    spread = sqrt(variance / PARTS * (1.0 + correlation) / (1.0 - correlation) * WINDOWS / (WINDOWS - 1))
-    others = (means.sum() - means) / (WINDOWS - 1)
-    found = []
-    for index in np.argsort(-means).tolist():
-        z = float(np.log(means[index] / others[index])) / max(spread, 1e-12)
-        p_value = min(1.0, WINDOWS * 0.5 * erfc(z / sqrt(2.0)))
-        first = index * PARTS * length
-        share = float(means[index] / means.sum())
-        found.append(Window(first, first + PARTS * length, share, 1.0 / WINDOWS, p_value))
-    return tuple(window for window in found if window.p_value <= WINDOW_LEVEL)[:LISTED_WINDOWS]

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.data import Record
-from sysid.diagnosis.residuals import CorrelationTest
+from sysid.diagnosis.residuals import BAND_LEVEL, CorrelationTest
 from sysid.diagnosis.scores import Score, SetScore, finite
 from sysid.diagnosis.wording import percent, quantity
 
@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
 # Correlations of fewer rows lie within their bands whatever the residual is.
 FEWEST_TESTED_ROWS = 20
+NEGLIGIBLE = 0.05
+SMALLEST_FLOOR = 1e-4
+NOWHERE = "the error is spread over time, levels, velocities and frequencies as chance would spread it"
 
 
 def sentences(comparison: "Comparison") -> list[str]:
@@ -24,17 +27,92 @@ def sentences(comparison: "Comparison") -> list[str]:
     found = [
         f"{comparison.model.subject} {_explains(judged.free_run, output, comparison.judged)}; "
         f"its free-run error is {error_size(judged)} ({window}).",
-        *comparison.model.notes,
     ]
+    if floor := _floor_sentence(comparison, judged):
+        found.append(floor)
+    found += [finding.sentence for finding in comparison.where]
     if judged.n_rows < FEWEST_TESTED_ROWS:
         found.append(
             f"The {judged.n_rows} samples of {comparison.judged} are too few to tell whether the residual is "
             "white or follows the input."
         )
-    else:
-        found += [_test_sentence(name, test, comparison.judged) for name, test in comparison.tests.items()]
-    found += [finding.sentence for finding in comparison.where]
-    return found
+        return [*found, *comparison.model.notes]
+    if not comparison.where:
+        found.append(f"Nothing of note fails locally on {comparison.judged}: {NOWHERE}.")
+    found += linear_test_sentences(comparison)
+    found.append(_nonlinear_sentence(comparison))
+    found += [port.sentence for port in comparison.ports]
+    if comparison.distortion.available:
+        found.append(f"{comparison.distortion.reason}.")
+    return [*found, *comparison.model.notes]
+
+
+def linear_test_sentences(comparison: "Comparison") -> list[str]:
+    """Return what whiteness and cross-correlation say."""
+    return [
+        _test_sentence(name, test, comparison.judged)
+        for name, test in comparison.tests.items()
+        if name.startswith(("whiteness", "input_residual"))
+    ]
+
+
+def nonlinear_tests_of(comparison: "Comparison") -> dict[str, CorrelationTest]:
+    """Return the tests for nonlinear traces."""
+    return {
+        name: test
+        for name, test in comparison.tests.items()
+        if not name.startswith(("whiteness", "input_residual"))
+    }
+
+
+def _nonlinear_sentence(comparison: "Comparison") -> str:
+    tests = nonlinear_tests_of(comparison)
+    # One sentence for several tests: each counts as one of so many looks.
+    level = (1.0 - BAND_LEVEL) / max(len(tests), 1)
+    traces = [spoken(name) for name, test in tests.items() if test.p_value < level]
+    if not traces:
+        return f"No nonlinear trace of input or output is left in the residual on {comparison.judged}."
+    return f"The residual on {comparison.judged} holds nonlinear traces: {'; '.join(traces)}."
+
+
+def spoken(name: str) -> str:
+    """Say what a nonlinear test compares.
+
+    Examples
+    --------
+    >>> spoken("residual_squared_input")
+    'the residual follows the squared input'
+    """
+    size = name.startswith("squared_residual")
+    power, _, signal = name.removeprefix("squared_").removeprefix("residual_").partition("_")
+    return (
+        f"the {'size of the residual' if size else 'residual'} follows the {power} {signal.replace('_', ' ')}"
+    )
+
+
+def _floor_sentence(comparison: "Comparison", judged: SetScore) -> str:
+    floor, error = comparison.noise_floor, judged.free_run.nrmse
+    if not (np.isfinite(floor.nrmse) and np.isfinite(error)):
+        return ""
+    left = max(_as_shown(error) - _as_shown(floor.nrmse), 0.0)
+    if left < NEGLIGIBLE * error:
+        return f"The error is {percent(error)} of the signal, and noise explains all of it ({floor.method})."
+    if floor.repeated:
+        return (
+            f"The error is {percent(error)} of the signal; noise explains {percent(min(floor.nrmse, error))} "
+            f"({floor.method}), so {percent(left)} is the model's."
+        )
+    noise = percent(floor.nrmse) if floor.nrmse > SMALLEST_FLOOR else f"less than {percent(SMALLEST_FLOOR)}"
+    return (
+        f"The error is {percent(error)} of the signal; noise explains {noise} "
+        f"({floor.method}), so {percent(left)} is the model's or a slow disturbance, which only repetitions "
+        "could tell apart."
+    )
+
+
+def _as_shown(share: float) -> float:
+    """Return a share as the reader sees it, so that what is shown adds up."""
+    return float(percent(share).removesuffix(" %")) / 100.0
 
 
 def _explains(free: Score, output: str, judged: str) -> str:

@@ -7,8 +7,9 @@ Inline nodes: ``text`` (s), ``emph`` (c), ``strong`` (c), ``code`` (s), ``math``
 
 Block nodes: ``para`` (c), ``heading`` (level, c, id), ``list`` (ordered, start, items of blocks), ``quote``
 (c: blocks), ``pre`` (s), ``rule``, ``equation`` (tex, tag), ``table`` (caption, columns, rows), ``figure``
-(svg, caption, reading, alt, width), ``facts`` (items: pairs of inline lists), ``banner`` (kind, c), ``box``
-(c: blocks). The builder adds ``title`` (c, lead), ``contents`` (entries) and ``chapter`` (id, number, c).
+(svg, caption, reading, alt, width, floats), ``facts`` (items: pairs of inline lists), ``banner`` (kind,
+c), ``box`` (c: blocks). The builder adds ``title`` (c, lead), ``contents`` (entries) and ``chapter`` (id,
+number, c).
 """
 
 from __future__ import annotations

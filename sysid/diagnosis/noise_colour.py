@@ -1,0 +1,74 @@
+"""The colour of a residual: an autoregression, its order chosen by the information criterion."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.data.record import Mask
+from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.structures import filtered
+
+LARGEST_ORDER = 12
+ROWS_PER_LAG = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """An autoregressive model of a residual.
+
+    Attributes
+    ----------
+    polynomial : ndarray, shape (order + 1,)
+        D(q) with D r = white, leading 1 included.
+    variance : float
+        Of the innovations.
+    gain : float
+        How much lower the information criterion is than that of white noise.
+    """
+
+    polynomial: Floats
+    variance: float
+    gain: float
+
+    @property
+    def order(self) -> int:
+        """Number of lags; 0 for white noise."""
+        return int(self.polynomial.size) - 1
+
+
+def noise_of(residual: Floats, rows: Mask, largest_order: int = LARGEST_ORDER) -> Noise:
+    """Fit an autoregression to the chosen rows of a residual.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> r = np.zeros(4000)
+    >>> e = np.random.default_rng(0).standard_normal(4000)
+    >>> for k in range(1, 4000):
+    ...     r[k] = 0.8 * r[k - 1] + e[k]
+    >>> noise = noise_of(r, np.ones(4000, dtype=bool))
+    >>> noise.order, bool(abs(noise.polynomial[1] + 0.8) < 0.03)
+    (1, True)
+    """
+    n_rows = int(rows.sum())
+    largest = min(largest_order, n_rows // ROWS_PER_LAG)
+    values = np.where(rows, residual, 0.0)
+    target = values[rows]
+    # 1 + q^-lag less the residual itself leaves the lagged one, zero where a run of rows begins.
+    lagged = [
+        filtered(values, rows, np.eye(lag + 1)[0] + np.eye(lag + 1)[lag]) - target
+        for lag in range(1, largest + 1)
+    ]
+    R = np.linalg.qr(np.column_stack([*lagged, target]), mode="r")
+    found, best = Noise(np.ones(1), float(np.mean(target**2)), 0.0), np.inf
+    white = np.inf
+    for order in range(largest + 1):
+        tail = R[order:, -1]
+        variance = float(tail @ tail) / n_rows
+        criterion = n_rows * np.log(max(variance, 1e-300)) + order * np.log(n_rows)
+        white = criterion if order == 0 else white
+        if criterion < best:
+            best = criterion
+            coefficients = np.linalg.solve(R[:order, :order], R[:order, -1]) if order else np.empty(0)
+            found = Noise(np.concatenate([[1.0], -coefficients]), variance, white - criterion)
+    return found
