@@ -10,7 +10,7 @@ from sysid.diagnosis.effects import catalogue, find_effects
 from sysid.diagnosis.physics_problem import Problem
 from sysid.diagnosis.physics_structure import PhysicsStructure, band_limited
 from sysid.diagnosis.structures import Choice, filtered
-from sysid.errors import IdentifiabilityError, ModelError
+from sysid.errors import IdentifiabilityError
 from sysid.physics import load_model
 
 WHITE = np.ones(1)
@@ -205,11 +205,31 @@ def test_an_input_counts_as_smooth_only_where_the_record_says_so():
         assert fit.parameters[2].value == pytest.approx(5.0, rel=0.01)
 
 
+def test_a_nonlinear_model_takes_effects_at_input_and_output():
+    rng = np.random.default_rng(2)
+    u = np.repeat(rng.uniform(-1.5, 1.5, 120), 5)
+    model = load_model("oscillator").with_parameters(
+        start={"w0": 1.1, "zeta": 0.2, "gain": 0.9, "cubic": 1.2}
+    )
+    from sysid.physics import Simulator
+
+    y = Simulator(model, 0.2, substeps=8).run(
+        {"w0": 1.0, "zeta": 0.25, "gain": 1.0, "cubic": 1.0}, np.clip(u, -1, 1)
+    )
+    y = y[:, 0] + 1e-3 * rng.standard_normal(u.size)
+    found = PhysicsStructure(make_record(u, y, period=0.2), model, "rest")
+    rows = found.record.estimation
+    offered = {effect.name for effect in found.offered(catalogue())}
+    assert "in_saturation" in offered
+    assert not {"coulomb", "op_gain", "overflow"} & offered
+    fit = found.fit([choice("in_saturation")], rows, WHITE, found.baseline(rows), effort=1)
+    assert fit.parameters_of("in_saturation")[0].value == pytest.approx(1.0, abs=0.02)
+    assert np.isfinite(found.probes(fit)).all()
+
+
 def test_what_cannot_be_fitted_is_refused():
     u = np.random.default_rng(0).uniform(size=60)
     record = make_record(u, np.cumsum(u), period=0.1)
-    with pytest.raises(ModelError, match="must be linear"):
-        PhysicsStructure(record, load_model("oscillator").with_parameters(start={"cubic": 1.0}))
     found = PhysicsStructure(record, load_model("two-mass"))
     few = np.arange(60) < 15
     with pytest.raises(IdentifiabilityError, match="15 rows cannot determine 10"):

@@ -12,6 +12,7 @@ from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics_laws import INNER, coefficients, lower_bound, typical_size
 from sysid.diagnosis.structures import Choice, filtered
 from sysid.physics.forced import ForcedPlant
+from sysid.physics.general import GeneralPlant
 from sysid.physics.model import Parameter
 from sysid.separable.descent import Minimum, Residual, descend
 
@@ -31,7 +32,7 @@ class Setting:
     Attributes
     ----------
     record : Record
-    plant : ForcedPlant
+    plant : ForcedPlant or GeneralPlant
     searched : tuple of Parameter
         The model's parameters that are not known.
     known : ndarray, shape (n_model_parameters,)
@@ -44,7 +45,7 @@ class Setting:
     """
 
     record: Record
-    plant: ForcedPlant
+    plant: ForcedPlant | GeneralPlant
     searched: tuple[Parameter, ...]
     known: Floats
     free_start: bool
@@ -196,7 +197,7 @@ class Problem:
             starts = points[:, first : first + plant.order]
         u = setting.record.u[part]
         driven = self._inputs(u, effects)
-        steps = 1 if self.exact else plant.substeps(values[:1], self.largest)
+        steps = plant.substeps(values[:1], self.largest) if plant.always_steps or not self.exact else 1
         y = plant.run(values, laws, driven, starts, steps, states, self.exact)
         return self._outputs(y, u[:, 0], effects, rounded)
 

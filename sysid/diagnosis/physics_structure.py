@@ -17,6 +17,7 @@ from sysid.diagnosis.structures import Choice, FittedParameter, StructureFit
 from sysid.errors import IdentifiabilityError, ModelError
 from sysid.linear.simulation import first_rows
 from sysid.physics.forced import NO_LAW, ForcedPlant
+from sysid.physics.general import GeneralPlant, is_general
 from sysid.physics.model import Model
 from sysid.separable.descent import Minimum, Residual
 
@@ -38,6 +39,7 @@ GAIN_ROWS, SAME_DIRECTION = 1_000, 1e-4
 # A held input has power up to the Nyquist frequency: less than this share above this frequency is none.
 UPPER_FREQUENCY, UPPER_POWER = 0.8, 1e-4
 WHITE = np.ones(1)
+Plant = ForcedPlant | GeneralPlant
 
 
 class PhysicsStructure:
@@ -55,7 +57,10 @@ class PhysicsStructure:
     def __init__(self, record: Record, model: Model, initial_state: str = "estimate") -> None:
         self.record = record
         self.name = model.name
-        plant = ForcedPlant(model, record.period)
+        self.general = is_general(model)
+        plant: Plant = (
+            GeneralPlant(model, record.period) if self.general else ForcedPlant(model, record.period)
+        )
         self.model, self.free_start = model, initial_state == "estimate"
         self._hold_chosen = False
         self._use(plant)
@@ -90,6 +95,8 @@ class PhysicsStructure:
             # With a constant force of the model's own these two would be second names.
             doubled = bool(port.constant) and effect.name in ("asymmetric_friction", "constant_force")
             return port.velocity is not None and not doubled
+        if self.general and effect.port == "gain":
+            return False
         return effect.port != "flow" or bool(port.levels)
 
     def baseline(self, rows: Mask) -> StructureFit:
@@ -100,7 +107,7 @@ class PhysicsStructure:
         path nor a delay could, it counts as smooth from then on.
         """
         held = self._baseline(rows)
-        if self._hold_chosen or not band_limited(self.record, rows):
+        if self._hold_chosen or self.general or not band_limited(self.record, rows):
             return held
         self._hold_chosen = True
         smooth = PhysicsStructure.__new__(PhysicsStructure)
@@ -115,7 +122,7 @@ class PhysicsStructure:
         self._use(smooth.plant)
         return self._baseline(rows)
 
-    def _use(self, plant: ForcedPlant) -> None:
+    def _use(self, plant: Plant) -> None:
         self.plant = plant
         self.setting = _setting(self.record, self.model, plant, self.free_start)
 
@@ -137,7 +144,7 @@ class PhysicsStructure:
                 f"{2 * problem.size} rows are needed"
             )
         unknown = any(p.status == "free" for p in self.setting.searched)
-        starts = wide_starts(self.setting, rows) if unknown else self._near_starts(RESTARTS)
+        starts = self._wide_starts(rows) if unknown else self._near_starts(RESTARTS)
         small = _first_rows(rows, SEARCH_ROWS)
         search = problem if small.sum() == rows.sum() else self._problem((), small, WHITE, COARSE_STEP)
         ends = self._descents(search, starts)
@@ -161,6 +168,17 @@ class PhysicsStructure:
             if np.isfinite(problem.cost(point))
         ]
         return sorted(ends, key=_cost)
+
+    def _wide_starts(self, rows: Mask) -> list[Floats]:
+        """Return starts for parameters of which little is known."""
+        if not self.general:
+            return wide_starts(self.setting, rows)
+        from sysid.physics.fit import fit_physics
+
+        state = "estimate" if self.free_start else "rest"
+        fit = fit_physics(self.record, self.model, initial_state=state, rows=rows)
+        found = self.setting.to_coordinates(np.array([fit.values[p.name] for p in self.setting.searched]))
+        return [found, self.setting.nominal]
 
     def _near_starts(self, count: int) -> list[Floats]:
         """Return the nominal values and draws around them."""
@@ -409,7 +427,7 @@ def _same(best: Minimum[Residual], end: Minimum[Residual]) -> bool:
     return bool(np.sqrt(end.cost) <= error * (1.0 + AGREEMENT) and apart <= OUTPUT_AGREEMENT * error)
 
 
-def _setting(record: Record, model: Model, plant: ForcedPlant, free_start: bool) -> Setting:
+def _setting(record: Record, model: Model, plant: Plant, free_start: bool) -> Setting:
     known = np.array([parameter.start for parameter in model.parameters])
     searched = tuple(parameter for parameter in model.parameters if parameter.status != "fixed")
     rows = record.learning

@@ -92,6 +92,8 @@ class ForcedPlant:
     0.0
     """
 
+    always_steps = False  # without added forces a run is exact
+
     def __init__(self, model: Model, period: float, hold: str = "zero") -> None:
         form = linear_form(model, ())
         if form is None or len(model.states) > MOST_STATES or len(model.outputs) != 1:
