@@ -132,12 +132,14 @@ def _errors(assignment: Assignment, folder: Path) -> dict[str, Any]:
     best = rms(true_structure(case)[test] - clean)
     baseline, final = (rms(columns[name] - clean) for name in ("baseline", "final"))
     possible = baseline - best
+    # Nothing can be gained where nothing, or only the noise's colour, is missing.
+    physical = any(name != NOT_PHYSICAL for name in case.names)
     return {
         "test_baseline": baseline,
         "test_final": final,
         "test_true": best,
         "test_scale": float(np.std(clean)),
-        "reduction": (baseline - final) / possible if possible > 0.0 else None,
+        "reduction": (baseline - final) / possible if physical and possible > 0.0 else None,
     }
 
 

@@ -27,6 +27,8 @@ FAMILIES = {
 TWINS = (
     {"coulomb", "stribeck", "asymmetric_friction"},
     {"in_relay", "in_hysteresis"},
+    {"in_relay", "in_preload", "in_deadzone"},
+    {"in_relay", "in_saturation"},
     {"in_delay", "out_delay"},
 )
 """Effects so alike that withholding one from the candidates withholds the others."""

@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -61,7 +62,7 @@ def false_alarm(outcome: Outcome) -> bool:
 
 def reduced(outcome: Outcome) -> bool:
     """Tell whether nine tenths of what the true structure gains were gained."""
-    return outcome["reduction"] is None or outcome["reduction"] >= 0.9
+    return bool(outcome["reduction"] >= 0.9)
 
 
 def both(outcome: Outcome) -> bool:
@@ -129,7 +130,10 @@ def _tier(outcomes: Sequence[Outcome], tier: str) -> dict[str, Any]:
 
 def _score(outcomes: Sequence[Outcome], name: str, tier: str) -> dict[str, Any]:
     kinds, judge = SCORES[name]
-    share = _share(judge, [outcome for outcome in outcomes if outcome["kind"] in kinds])
+    asked = [outcome for outcome in outcomes if outcome["kind"] in kinds]
+    if name == "reduction":  # where there is something to be gained
+        asked = [outcome for outcome in asked if outcome.get("reduction", 0.0) is not None]
+    share = _share(judge, asked)
     least, most = TARGETS[tier].get(name, (None, None))
     value = share["share"]
     met = None
@@ -160,7 +164,7 @@ def confusion(singles: Sequence[Outcome]) -> dict[str, dict[str, int]]:
 def _curve(singles: Sequence[Outcome], what: str, edges: Any) -> list[dict[str, Any]]:
     """Return the share of accepted true effects in each bin of the effect's size or of the noise."""
     points = []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         share = _share(both, [o for o in singles if low <= o[what] < high])
         points.append({"from": float(low), "to": float(high), **share})
     return points

@@ -4,7 +4,13 @@ import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sysid.commands import data_arguments, effects_arguments, models_arguments, replicate_arguments
+from sysid.commands import (
+    data_arguments,
+    demo_arguments,
+    effects_arguments,
+    models_arguments,
+    replicate_arguments,
+)
 from sysid.diagnosis import command as compare
 from sysid.diagnosis import diagnose_command as diagnose
 
@@ -37,6 +43,12 @@ def _data() -> Run:
 
 def _models() -> Run:
     from sysid.commands.models import run
+
+    return run
+
+
+def _demo() -> Run:
+    from sysid.commands.demo import run
 
     return run
 
@@ -97,5 +109,13 @@ COMMANDS = (
         "sysid effects coulomb in_backlash",
         effects_arguments.add,
         _effects,
+    ),
+    Command(
+        "demo",
+        "make a record with a hidden effect, to try the diagnosis on",
+        "Make a record of a plant that has more in it than its model; what it is stays sealed till --reveal.",
+        "sysid demo --out demo --seed 1",
+        demo_arguments.add,
+        _demo,
     ),
 )

@@ -2,15 +2,15 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.demonstration import effects as hidden
 from sysid.demonstration.effects import Hidden, Scales
-from sysid.demonstration.plants import MODELS, Plant, draw_plant
-from sysid.demonstration.share import baseline_share, nonlinear_share
+from sysid.demonstration.plants import MODELS, Plant, draw_plant, rounded
+from sysid.demonstration.share import added_share, baseline_share, nonlinear_share
 from sysid.demonstration.signals import draw_excitation
 from sysid.errors import UsageError
 
@@ -202,33 +202,44 @@ def _attempt(
     plant = draw_plant(rng, family)
     excitation, u = draw_excitation(rng, N_SAMPLES, plant.bandwidth)
     u = _operating_range(rng, plant, u, names)
-    scales = _scales(plant, u)
-    physical = [name for name in names if name != "coloured_noise"]
-    low, high = difficulty.share
-    effects: list[Hidden] = []
-    for name in physical:
-        found = _sized(rng, plant, u, name, scales, (low * 1.05, high * 0.95 / len(physical)))
-        if found is None:
-            return None
-        effect, u_of_effect = found
-        if u_of_effect is not u and len(physical) > 1:
-            return None
-        u = u_of_effect
-        effects.append(effect)
-    noise_free = simulate(plant, effects, u)
-    share = _share(plant, tuple(effects), u) if effects else 0.0
-    if effects and not low <= share <= high * (1.0 if len(effects) == 1 else 1.3):
+    found = _hidden(rng, plant, u, [name for name in names if name != "coloured_noise"], difficulty.share)
+    if found is None:
         return None
+    effects, u, share = found
+    noise_free = simulate(plant, effects, u)
     if not np.all(np.isfinite(noise_free)) or np.var(noise_free[-600:]) < 0.1 * np.var(noise_free):
         return None
     snr = float(rng.uniform(*difficulty.snr))
     y = noise_free + _noise(rng, noise_free, snr, coloured=difficulty.coloured)
     if "coloured_noise" in names:
-        share = math.exp(rng.uniform(math.log(low), math.log(high)))
+        share = float(np.exp(rng.uniform(*np.log(difficulty.share))))
         y = y + _noise(rng, noise_free, -10.0 * math.log10(share), coloured=True)
         effects.append(Hidden("coloured_noise", {"share": share}))
     start, known = _what_is_known(rng, plant)
     return Case(plant, tuple(effects), u, noise_free, y, excitation, share, snr, start, known)
+
+
+def _hidden(
+    rng: np.random.Generator, plant: Plant, u: Floats, names: Sequence[str], wanted: tuple[float, float]
+) -> tuple[list[Hidden], Floats, float] | None:
+    """Size the effects one after another, each with those before it in place; None if one cannot be seen."""
+    scales = _scales(plant, u)
+    low, high = wanted
+    effects: list[Hidden] = []
+    for name in names:
+        found = _sized(rng, plant, u, name, scales, effects, (low * 1.05, high * 0.95 / len(names)))
+        if found is None or (len(names) > 1 and found[1] is not u):
+            return None
+        effects.append(found[0])
+        u = found[1]
+    if not effects:
+        return effects, u, 0.0
+    share = _share(plant, effects, u)
+    # Whichever of several effects is left out, something must be missing.
+    for effect in effects if len(effects) > 1 else ():
+        if _added(plant, [other for other in effects if other is not effect], effect, u) < low:
+            return None
+    return (effects, u, share) if low <= share <= high else None
 
 
 def _operating_range(rng: np.random.Generator, plant: Plant, u: Floats, names: tuple[str, ...]) -> Floats:
@@ -267,6 +278,7 @@ def _sized(
     u: Floats,
     name: str,
     scales: Scales,
+    present: Sequence[Hidden],
     wanted: tuple[float, float],
 ) -> tuple[Hidden, Floats] | None:
     """Find a strength at which the effect has a share in the wanted range, drawn evenly in its logarithm."""
@@ -279,7 +291,7 @@ def _sized(
 
     def share(strength: float) -> float:
         effect, driven = made(strength)
-        return _share(plant, (effect,), driven)
+        return _added(plant, present, effect, driven) if present else _share(plant, [effect], driven)
 
     if name in hidden.UNSIZED:
         return made(strength)
@@ -316,10 +328,16 @@ def _excited(plant: Plant, u: Floats, effect: Hidden) -> Floats:
     return u
 
 
-def _share(plant: Plant, effects: tuple[Hidden, ...], u: Floats) -> float:
+def _share(plant: Plant, effects: Sequence[Hidden], u: Floats) -> float:
     y = simulate(plant, effects, u)
     linear = all(effect.name in hidden.LINEAR for effect in effects)
     return (baseline_share if linear else nonlinear_share)(u, y, plant.poles)
+
+
+def _added(plant: Plant, present: Sequence[Hidden], effect: Hidden, u: Floats) -> float:
+    """Return the share of the output that an effect adds to the present ones beyond any short filter."""
+    y, before = simulate(plant, [*present, effect], u), simulate(plant, present, u)
+    return added_share(y, before, u, constant=effect.name not in hidden.LINEAR)
 
 
 def _noise(rng: np.random.Generator, y: Floats, snr: float, *, coloured: bool) -> Floats:
@@ -343,13 +361,8 @@ def _what_is_known(rng: np.random.Generator, plant: Plant) -> tuple[dict[str, fl
     default = {"positioning-stage": ("gain", "offset")}.get(plant.family, ())
     known = {name: plant.parameters[name] for name in fixed}
     start = {
-        name: value * (1.0 + float(rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.2)))
+        name: rounded(value * (1.0 + float(rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.2))))
         for name, value in plant.parameters.items()
         if name not in fixed and name not in default
     }
     return start, known
-
-
-def measured_only(case: Case) -> Case:
-    """Return the case as it is handed over: no output on the test rows."""
-    return replace(case, y=np.where(case.sets == "test", np.nan, case.y))

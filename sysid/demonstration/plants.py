@@ -194,11 +194,16 @@ def draw_plant(rng: np.random.Generator, family: str, order: int | None = None) 
         raise UsageError(f"the family {family!r} is unknown; choose from {', '.join(MODELS)}.")
     if family == "difference-equation":
         return _difference_equation(rng, order or int(rng.choice([1, 2, 2, 2, 2, 3])))
-    parameters = _parameters(rng, family)
+    parameters = {name: rounded(value) for name, value in _parameters(rng, family).items()}
     unit = Plant(family, parameters, 1.0)
     rates = np.linalg.eigvals(unit.dynamics[0])
     dominant = float(np.abs(rates[np.abs(rates) > 1e-9]).min())
-    return Plant(family, parameters, float(rng.uniform(0.12, 0.4)) / dominant)
+    return Plant(family, parameters, rounded(float(rng.uniform(0.12, 0.4)) / dominant))
+
+
+def rounded(value: float, digits: int = 4) -> float:
+    """Return a number as short as a person would write it."""
+    return float(f"{value:.{digits}g}")
 
 
 def _difference_equation(rng: np.random.Generator, order: int) -> Plant:

@@ -51,6 +51,19 @@ def baseline_share(u: Floats, y: Floats, poles: Complexes) -> float:
     return min(_output_error(u, y, start) for start in starts)
 
 
+def added_share(y: Floats, before: Floats, u: Floats, *, constant: bool) -> float:
+    """Return the share of y that a few taps of an output without the effect, and of the input, leave.
+
+    For the second of two effects: how much is missing without it, whatever the first one does.
+    """
+    if not np.all(np.isfinite(y)) or np.abs(y).max() > 1e9:
+        return float("inf")
+    columns = [_shifted(signal, i) for signal in (before, u) for i in range(1, _TAPS)] + [before]
+    columns += [np.ones_like(y)] if constant else []
+    matrix = np.column_stack(columns)
+    return float(np.mean((y - matrix @ _solve(matrix, y)) ** 2) / np.var(y))
+
+
 def steiglitz_mcbride(u: Floats, y: Floats, order: int) -> Floats:
     """Return a stable denominator [1, a1, ...] by Steiglitz-McBride iterations."""
     a = np.r_[1.0, np.zeros(order)]

@@ -62,7 +62,7 @@ def _random_steps(rng: np.random.Generator, n: int, bandwidth: float) -> Floats:
 
 
 def _multilevel(rng: np.random.Generator, n: int, bandwidth: float) -> Floats:
-    levels = np.linspace(-1.0, 1.0, int(rng.integers(5, 12)))
+    levels = np.linspace(-1.0, 1.0, int(rng.integers(11, 22)))
     hold = max(1, round(rng.uniform(0.5, 1.5) / bandwidth))
     return np.repeat(rng.choice(levels, -(-n // hold)), hold)[:n]
 

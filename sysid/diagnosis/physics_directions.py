@@ -28,17 +28,16 @@ def directions(structure: "PhysicsStructure", fit: StructureFit, effect: Effect)
     if effect.port == "noise":
         return []
     found: list[Floats] = []
-    base = structure.runs(structure.problem_of(fit), fit.point[np.newaxis])[0]
     for form in effect.forms:
         strengths = [j for j, p in enumerate(form.parameters) if p.is_strength]
         if len(form.shapes) > 1 and not strengths and len(effect.forms) > 1:
             continue  # the symmetric form stands for the two-sided one
-        found += _of_form(structure, fit, Choice(effect, form), strengths, base)
+        found += _of_form(structure, fit, Choice(effect, form), strengths)
     return found
 
 
 def _of_form(
-    structure: "PhysicsStructure", fit: StructureFit, choice: Choice, strengths: list[int], base: Floats
+    structure: "PhysicsStructure", fit: StructureFit, choice: Choice, strengths: list[int]
 ) -> list[Floats]:
     """Return the directions of one form."""
     before = structure.problem_of(fit)
@@ -58,8 +57,11 @@ def _of_form(
             moved = point.copy()
             moved[first + j] += size[j]
             probed.append(moved)
-    # With its strengths at zero an effect leaves the run as it is.
     runs = structure.runs(problem, np.array(probed if strengths else points))
+    # With its strengths at zero an effect leaves the run as it is, but for the steps of the simulation.
+    base = structure.runs(problem if strengths else before, (start if strengths else fit.point)[np.newaxis])[
+        0
+    ]
     count = len(strengths) or 1
     found = []
     for number in range(len(shapes)):

@@ -9,9 +9,10 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.physics_laws import coefficients, lower_bound, typical_size
+from sysid.diagnosis.physics_laws import INNER, coefficients, lower_bound, typical_size
 from sysid.diagnosis.structures import Choice, filtered
 from sysid.physics.forced import ForcedPlant
+from sysid.physics.general import GeneralPlant
 from sysid.physics.model import Parameter
 from sysid.separable.descent import Minimum, Residual, descend
 
@@ -31,7 +32,7 @@ class Setting:
     Attributes
     ----------
     record : Record
-    plant : ForcedPlant
+    plant : ForcedPlant or GeneralPlant
     searched : tuple of Parameter
         The model's parameters that are not known.
     known : ndarray, shape (n_model_parameters,)
@@ -44,7 +45,7 @@ class Setting:
     """
 
     record: Record
-    plant: ForcedPlant
+    plant: ForcedPlant | GeneralPlant
     searched: tuple[Parameter, ...]
     known: Floats
     free_start: bool
@@ -120,6 +121,8 @@ class Problem:
         ]
         self.n_model, self.n_effects = n, sum(counts)
         self.n_starts = setting.plant.order * len(self.parts) if self.free_start else 0
+        # Effects of strength zero are simulated as the others are, or their difference would be the steps'.
+        self.exact = not any(choice.effect.port in INNER for choice in self.choices)
         self.held = np.zeros(self.size, dtype=bool)
 
     @cached_property
@@ -194,7 +197,8 @@ class Problem:
             starts = points[:, first : first + plant.order]
         u = setting.record.u[part]
         driven = self._inputs(u, effects)
-        y = plant.run(values, laws, driven, starts, plant.substeps(values[:1], self.largest), states)
+        steps = plant.substeps(values[:1], self.largest) if plant.always_steps or not self.exact else 1
+        y = plant.run(values, laws, driven, starts, steps, states, self.exact)
         return self._outputs(y, u[:, 0], effects, rounded)
 
     def _inputs(self, u: Floats, effects: Sequence[Sequence[Floats]]) -> Floats:

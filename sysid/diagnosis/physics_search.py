@@ -10,7 +10,7 @@ from sysid.diagnosis.physics_problem import Problem, finite
 from sysid.separable.descent import Minimum, Residual
 
 # Share of a strength's typical size at which its linear effect is measured.
-PROBE = 1e-3
+PROBE = 1e-5
 DRY_PROBE = 0.05
 SHARES = (1.0, 0.3)
 DRY_SIZES = (0.1, 0.5)
@@ -67,13 +67,12 @@ def grid_starts(problem: Problem, before: Problem, known: Floats, new: Sequence[
     """
     tangent = Tangent(before, known)
     base = problem_point(problem, before, known)
-    error = before.residual(known)
     shapes, strengths = _places(problem, new)
     points = np.tile(base, (len(combinations := _combinations(problem, new)), 1))
     for place, values in zip(shapes, np.array(combinations).reshape(len(combinations), -1).T, strict=True):
         points[:, place] = values
     if strengths:
-        points = _with_strengths(problem, points, strengths, error, tangent)
+        points = _with_strengths(problem, points, strengths, tangent)
     left = tangent.outside(in_lanes(problem, points))
     costs = np.einsum("ij,ij->i", left, left)
     costs[~np.isfinite(costs)] = np.inf
@@ -134,9 +133,7 @@ def shape_values(problem: Problem, effect: int) -> list[list[float]]:
     return found
 
 
-def _with_strengths(
-    problem: Problem, points: Floats, strengths: list[int], error: Floats, tangent: Tangent
-) -> Floats:
+def _with_strengths(problem: Problem, points: Floats, strengths: list[int], tangent: Tangent) -> Floats:
     """Give each point the strengths that lower the residual most, to first order, and shares of them."""
     lower, upper = problem.bounds
     dry = any(choice.effect.dry for choice in problem.choices)
@@ -147,9 +144,7 @@ def _with_strengths(
         probes[j::count, place] = probe[j]
     plain = points.copy()
     responses = in_lanes(problem, probes)
-    starts = (
-        in_lanes(problem, plain) if points.shape[0] > 1 or not np.isfinite(error).all() else error[np.newaxis]
-    )
+    starts = in_lanes(problem, plain)
     found = []
     for number, point in enumerate(points):
         at_zero = starts[number]

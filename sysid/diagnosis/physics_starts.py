@@ -7,7 +7,7 @@ from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics_problem import LARGEST_LOGARITHM, Setting
 from sysid.errors import SysidError
 from sysid.physics import forced_kernels as fk
-from sysid.physics.forced import NO_LAW
+from sysid.physics.forced import NO_LAW, ForcedPlant
 from sysid.separable.descent import levenberg_marquardt
 
 FREQUENCIES = 40
@@ -90,6 +90,7 @@ def _response_of_linear_fit(setting: Setting, rows: Mask) -> tuple[Floats, Float
 def _log_response(setting: Setting, x: Floats, frequencies: Floats) -> Floats:
     """Return the logarithm of the model's gain from each input, shape (n_inputs, n_frequencies)."""
     plant = setting.plant
+    assert isinstance(plant, ForcedPlant)
     values = setting.known.copy()
     values[setting.places] = setting.to_values(x)
     plants, by_input, direct = plant.coefficients(values[np.newaxis], NO_LAW[np.newaxis])

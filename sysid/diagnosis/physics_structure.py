@@ -17,6 +17,7 @@ from sysid.diagnosis.structures import Choice, FittedParameter, StructureFit
 from sysid.errors import IdentifiabilityError, ModelError
 from sysid.linear.simulation import first_rows
 from sysid.physics.forced import NO_LAW, ForcedPlant
+from sysid.physics.general import GeneralPlant, is_general
 from sysid.physics.model import Model
 from sysid.separable.descent import Minimum, Residual
 
@@ -29,7 +30,7 @@ SPREAD = 0.25
 # that share of the error.
 AGREEMENT, OUTPUT_AGREEMENT = 1e-3, 0.05
 SEED = 7
-EVALUATIONS = (40, 14, 60)
+EVALUATIONS = (100, 14, 60)
 TOLERANCES = (1e-7, 1e-4, 1e-7)
 DESCENTS = (1, 2, 4)
 # The input counts as smooth between samples when that lowers the error to this share at least.
@@ -38,6 +39,7 @@ GAIN_ROWS, SAME_DIRECTION = 1_000, 1e-4
 # A held input has power up to the Nyquist frequency: less than this share above this frequency is none.
 UPPER_FREQUENCY, UPPER_POWER = 0.8, 1e-4
 WHITE = np.ones(1)
+Plant = ForcedPlant | GeneralPlant
 
 
 class PhysicsStructure:
@@ -55,11 +57,10 @@ class PhysicsStructure:
     def __init__(self, record: Record, model: Model, initial_state: str = "estimate") -> None:
         self.record = record
         self.name = model.name
-        plant = ForcedPlant(model, record.period)
-        self.own_constant = _own_constant(model, plant)
-        if self.own_constant:
-            model = model.with_parameters(fixed={self.own_constant: 0.0})
-            plant = ForcedPlant(model, record.period)
+        self.general = is_general(model)
+        plant: Plant = (
+            GeneralPlant(model, record.period) if self.general else ForcedPlant(model, record.period)
+        )
         self.model, self.free_start = model, initial_state == "estimate"
         self._hold_chosen = False
         self._use(plant)
@@ -91,11 +92,11 @@ class PhysicsStructure:
         if effect.port in ("force", "gain", "flow") and not has_law(effect):
             return False
         if effect.port == "force":
-            # A constant force of the model's own makes friction that differs by direction a second name.
+            # With a constant force of the model's own these two would be second names.
             doubled = bool(port.constant) and effect.name in ("asymmetric_friction", "constant_force")
-            if doubled and effect.name == "constant_force":
-                doubled = not self.own_constant
             return port.velocity is not None and not doubled
+        if self.general and effect.port == "gain":
+            return False
         return effect.port != "flow" or bool(port.levels)
 
     def baseline(self, rows: Mask) -> StructureFit:
@@ -106,7 +107,7 @@ class PhysicsStructure:
         path nor a delay could, it counts as smooth from then on.
         """
         held = self._baseline(rows)
-        if self._hold_chosen or not band_limited(self.record, rows):
+        if self._hold_chosen or self.general or not band_limited(self.record, rows):
             return held
         self._hold_chosen = True
         smooth = PhysicsStructure.__new__(PhysicsStructure)
@@ -121,7 +122,7 @@ class PhysicsStructure:
         self._use(smooth.plant)
         return self._baseline(rows)
 
-    def _use(self, plant: ForcedPlant) -> None:
+    def _use(self, plant: Plant) -> None:
         self.plant = plant
         self.setting = _setting(self.record, self.model, plant, self.free_start)
 
@@ -143,7 +144,7 @@ class PhysicsStructure:
                 f"{2 * problem.size} rows are needed"
             )
         unknown = any(p.status == "free" for p in self.setting.searched)
-        starts = wide_starts(self.setting, rows) if unknown else self._near_starts(RESTARTS)
+        starts = self._wide_starts(rows) if unknown else self._near_starts(RESTARTS)
         small = _first_rows(rows, SEARCH_ROWS)
         search = problem if small.sum() == rows.sum() else self._problem((), small, WHITE, COARSE_STEP)
         ends = self._descents(search, starts)
@@ -167,6 +168,17 @@ class PhysicsStructure:
             if np.isfinite(problem.cost(point))
         ]
         return sorted(ends, key=_cost)
+
+    def _wide_starts(self, rows: Mask) -> list[Floats]:
+        """Return starts for parameters of which little is known."""
+        if not self.general:
+            return wide_starts(self.setting, rows)
+        from sysid.physics.fit import fit_physics
+
+        state = "estimate" if self.free_start else "rest"
+        fit = fit_physics(self.record, self.model, initial_state=state, rows=rows)
+        found = self.setting.to_coordinates(np.array([fit.values[p.name] for p in self.setting.searched]))
+        return [found, self.setting.nominal]
 
     def _near_starts(self, count: int) -> list[Floats]:
         """Return the nominal values and draws around them."""
@@ -415,16 +427,7 @@ def _same(best: Minimum[Residual], end: Minimum[Residual]) -> bool:
     return bool(np.sqrt(end.cost) <= error * (1.0 + AGREEMENT) and apart <= OUTPUT_AGREEMENT * error)
 
 
-def _own_constant(model: Model, plant: ForcedPlant) -> str:
-    """Return the model's parameter that is a constant force of which nothing was said, or nothing."""
-    name = plant.port.constant
-    if not name:
-        return ""
-    parameter = model.parameter(name)
-    return name if parameter.status != "uncertain" and parameter.start == 0.0 else ""
-
-
-def _setting(record: Record, model: Model, plant: ForcedPlant, free_start: bool) -> Setting:
+def _setting(record: Record, model: Model, plant: Plant, free_start: bool) -> Setting:
     known = np.array([parameter.start for parameter in model.parameters])
     searched = tuple(parameter for parameter in model.parameters if parameter.status != "fixed")
     rows = record.learning

@@ -92,6 +92,8 @@ class ForcedPlant:
     0.0
     """
 
+    always_steps = False  # without added forces a run is exact
+
     def __init__(self, model: Model, period: float, hold: str = "zero") -> None:
         form = linear_form(model, ())
         if form is None or len(model.states) > MOST_STATES or len(model.outputs) != 1:
@@ -205,6 +207,7 @@ class ForcedPlant:
         starts: Floats | None = None,
         substeps: int = 1,
         states: Floats | None = None,
+        exact: bool | None = None,
     ) -> Floats:
         """Simulate several runs.
 
@@ -221,6 +224,8 @@ class ForcedPlant:
             Runge-Kutta steps in a sample; a run without added forces is exact.
         states : ndarray, shape (lanes, n_samples, n_states), optional
             Filled with the states.
+        exact : bool, optional
+            Whether there are no added forces; found from the laws by default.
 
         Returns
         -------
@@ -244,7 +249,9 @@ class ForcedPlant:
         inner = np.empty((lanes, signal.shape[1] if states is not None else 0, MOST_STATES))
         arguments = self.coefficients(values, laws)
         plants, by_input, direct = arguments
-        if np.array_equal(laws, np.broadcast_to(NO_LAW, laws.shape)):
+        if exact is None:
+            exact = np.array_equal(laws, np.broadcast_to(NO_LAW, laws.shape))
+        if exact:
             linear_runs(plants, self.order, by_input, direct, signal, at_start, period, y, inner)
         else:
             step = period / substeps

@@ -67,7 +67,8 @@ def sliding_friction(w: Floats, velocity: float, side: int) -> float:
 @inlined
 def smooth_force(w: Floats, position: float, velocity: float, memory: float) -> float:
     """Return the sum of the forces that are continuous in position, velocity and memory."""
-    force = w[CONSTANT] - w[DRAG] * velocity * abs(velocity) - w[CUBIC] * position * position * position
+    force: float = w[CONSTANT] - w[DRAG] * velocity * abs(velocity)
+    force -= w[CUBIC] * position * position * position
     if w[GRAVITY] != 0.0:
         force -= w[GRAVITY] * math.sin(w[WAVE_NUMBER] * position)
     force -= w[YIELD] * memory

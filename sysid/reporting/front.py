@@ -113,6 +113,8 @@ def _section(words: str) -> Node:
 
 
 def _lead(results: Results) -> str:
+    if "lead" in results:
+        return str(results["lead"])
     named = "; ".join(_name(paper, content) for paper, content in results["papers"].items())
     return f"Replication of {named}." if named else "No paper was run."
 

@@ -1,0 +1,122 @@
+"""What ``sysid demo`` does: a record with a hidden effect, and its truth afterwards."""
+
+import argparse
+import csv
+import json
+import shlex
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.demonstration import Case, Difficulty, draw_case
+from sysid.demonstration.sealing import reveal, seal
+from sysid.errors import DataError, UsageError
+
+RECORD, TRUTH, DIAGNOSIS = "record.csv", "truth.sealed", "diagnosis.json"
+
+SCENES = (
+    ("dc-motor", "coulomb"),
+    ("mass-spring-damper", "cubic_stiffness"),
+    ("dc-motor", "in_deadzone"),
+    ("two-tanks", "sqrt_outflow"),
+    ("difference-equation", "in_backlash"),
+    ("dc-motor", "in_saturation"),
+    ("mass-spring-damper", "coulomb"),
+    ("two-tanks", "overflow"),
+    ("difference-equation", "in_deadzone"),
+    ("mass-spring-damper", "out_saturation"),
+    ("dc-motor", "in_backlash"),
+)
+"""Plants and what is hidden in them; the seed chooses."""
+
+MECHANISMS = {
+    "coulomb": "dry friction",
+    "cubic_stiffness": "a spring that stiffens with the cube of the deflection",
+    "in_deadzone": "a dead zone of the actuator",
+    "sqrt_outflow": "outflows with the square root of the level",
+    "in_backlash": "backlash in the drive",
+    "in_saturation": "saturation of the actuator",
+    "overflow": "a tank that overflows",
+    "out_saturation": "saturation of the sensor",
+}
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Make a record with a hidden effect, or reveal what was hidden."""
+    lines = _reveal(arguments.reveal) if arguments.reveal else _make(arguments.out, arguments.seed)
+    print("\n".join(lines))
+    return 0
+
+
+def _make(folder: Path, seed: int) -> list[str]:
+    if seed < 0:
+        raise UsageError(f"--seed is {seed}; give an integer >= 0.")
+    rng = np.random.default_rng(seed)
+    family, effect = SCENES[(seed - 1) % len(SCENES)]
+    case = draw_case(rng, family, [effect], Difficulty(share=(0.05, 0.3), snr=(25.0, 40.0)))
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / DIAGNOSIS).unlink(missing_ok=True)  # an answer to another record would be held against this
+    _write_record(case, folder / RECORD)
+    fingerprint = seal(case.truth(), folder / TRUTH)
+    compare, diagnose = commands(case, folder)
+    return [
+        f"{folder / RECORD}: input u and output y of a {family}, {case.u.size} samples.",
+        f"{folder / TRUTH}: what is hidden in it, sealed; fingerprint {fingerprint}.",
+        "",
+        "How well does a linear model do, and where does it fail?",
+        f"    {compare}",
+        "What is missing in the model, and how much better is it with it?",
+        f"    {diagnose}",
+        "Was that right?",
+        f"    {shlex.join(['sysid', 'demo', '--reveal', str(folder)])}",
+    ]
+
+
+def commands(case: Case, folder: Path) -> tuple[str, str]:
+    """Return the commands that compare and diagnose the record in `folder`."""
+    data = [str(folder / RECORD), "--input", "u", "--output", "y", "--period", repr(case.plant.period)]
+    data += ["--split-column", "set"]
+    page = ["--html", str(folder / "compare.html")]
+    answer = ["--json", str(folder / DIAGNOSIS), "--html", str(folder / "diagnosis.html")]
+    return (
+        shlex.join(["sysid", "compare", *data, "--model", "linear", *page]),
+        shlex.join(["sysid", "diagnose", *data, *case.model_arguments(), "--initial-state", "rest", *answer]),
+    )
+
+
+def _write_record(case: Case, path: Path) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["k", "u", "y", "set"])
+        for k, (u, y, part) in enumerate(zip(case.u, case.y, case.sets, strict=True)):
+            writer.writerow([k, f"{u:.9g}", f"{y:.9g}", part])
+
+
+def _reveal(folder: Path) -> list[str]:
+    truth, fingerprint = reveal(folder / TRUTH)
+    names = [effect["name"] for effect in truth["effects"]]
+    lines = [
+        f"Hidden in the {truth['family']}: {', '.join(f'{n} ({MECHANISMS[n]})' for n in names)}; "
+        f"fingerprint {fingerprint}."
+    ]
+    for effect in truth["effects"]:
+        lines += [f"    {name} = {value:.4g}" for name, value in effect["parameters"].items()]
+    lines.append(
+        f"{100 * truth['share']:.0f} % of the output variance were beyond any linear model; "
+        f"the noise was {truth['snr']:.0f} dB below the signal."
+    )
+    if (folder / DIAGNOSIS).exists():
+        accepted = _accepted(folder / DIAGNOSIS)
+        said = ", ".join(accepted) if accepted else "nothing"
+        agreement = "It agrees." if set(accepted) == set(names) else "It does not agree."
+        lines.append(f"The diagnosis added {said}. {agreement}")
+    return lines
+
+
+def _accepted(path: Path) -> list[str]:
+    try:
+        answer: Any = json.loads(path.read_text(encoding="utf-8"))
+        return [str(name) for name in answer["accepted"]]
+    except (ValueError, KeyError, TypeError):
+        raise DataError(f"{path} is not an answer of `sysid diagnose --json`; run it again.") from None

@@ -1,0 +1,221 @@
+"""Simulation with added forces against independent integrators."""
+
+import numpy as np
+import pytest
+from forced_reference import stick_slip
+from scipy.integrate import solve_ivp
+
+from sysid.errors import ModelError
+from sysid.physics import Simulator, load_model
+from sysid.physics.forced import NO_LAW, ForcedPlant, law
+from sysid.physics.ports import Port, find_port
+
+MSD = {"m": 1.3, "c": 0.4, "k": 5.0}
+MOTOR = {"J": 0.35, "b": 0.2, "K": 1.0, "L": 0.1, "R": 1.2}
+
+
+def levels(n, hold, seed=1, size=2.0):
+    return np.repeat(np.random.default_rng(seed).uniform(-size, size, -(-n // hold)), hold)[:n]
+
+
+def run(name, values, coefficients, u, period, substeps, hold="zero"):
+    plant = ForcedPlant(load_model(name), period, hold)
+    point = np.array([[values[key] for key in plant.names]])
+    return plant.run(point, coefficients[np.newaxis], u, substeps=substeps)[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "period"),
+    [
+        ("mass-spring-damper", 0.1),
+        ("dc-motor", 0.05),
+        ("two-mass", 0.2),
+        ("two-tanks", 2.0),
+        ("positioning-stage", 0.05),
+        ("oscillator", 0.1),
+    ],
+)
+def test_without_effects_it_is_the_exact_run(name, period):
+    model, u = load_model(name), levels(300, 3)
+    values = {p.name: p.start for p in model.parameters} | ({"offset": 0.3} if name.startswith("pos") else {})
+    exact = Simulator(model, period).run(values, u)[:, 0]
+    # Both are exact but for rounding, which 300 steps of an integrator gather.
+    assert np.allclose(run(name, values, NO_LAW, u, period, 1), exact, rtol=0, atol=1e-11 * np.ptp(exact))
+
+
+SMOOTH = {
+    "drag": ({"drag": 0.7}, lambda x, v: -0.7 * v * abs(v)),
+    "cubic": ({"cubic": 2.0}, lambda x, v: -2.0 * x**3),
+    "gravity": ({"gravity": 3.0, "wave_number": 1.5}, lambda x, v: -3.0 * np.sin(1.5 * x)),
+    "constant": ({"constant": -0.8}, lambda x, v: -0.8),
+    "sum": ({"drag": 0.2, "cubic": 1.0, "constant": 0.3}, lambda x, v: -0.2 * v * abs(v) - x**3 + 0.3),
+}
+
+
+@pytest.mark.parametrize("kind", SMOOTH)
+def test_smooth_forces_converge_with_fourth_order_to_scipy(kind):
+    coefficients, force = SMOOTH[kind]
+    u, period = levels(80, 4), 0.2
+    x, expected = np.zeros(2), []
+    for value in u:
+        expected.append(x[0])
+        x = solve_ivp(
+            lambda t, z, value=value: [
+                z[1],
+                (value - MSD["c"] * z[1] - MSD["k"] * z[0] + force(*z)) / MSD["m"],
+            ],
+            (0, period),
+            x,
+            rtol=1e-11,
+            atol=1e-13,
+            method="DOP853",
+        ).y[:, -1]
+    errors = [
+        np.abs(run("mass-spring-damper", MSD, law(**coefficients), u, period, n) - expected).max()
+        for n in (2, 4, 16)
+    ]
+    # Fourth order is a factor of 16 for half the step; |v| v has a kink that costs some of it.
+    assert errors[1] < errors[0] / 6
+    assert errors[2] < 2e-7
+
+
+def test_gain_that_follows_the_output_agrees_with_scipy():
+    u, period = levels(60, 3, size=3.0), 0.1
+    x, expected = np.zeros(2), []
+    for value in u:
+        expected.append(x[0])
+
+        def rate(_, z, value=value):
+            driven = value * (1 + 0.6 * np.tanh(z[0] / 0.8))
+            torque = MOTOR["K"] * z[1] - MOTOR["b"] * z[0]
+            return [torque / MOTOR["J"], (driven - MOTOR["R"] * z[1] - MOTOR["K"] * z[0]) / MOTOR["L"]]
+
+        x = solve_ivp(rate, (0, period), x, rtol=1e-11, atol=1e-13).y[:, -1]
+    found = run("dc-motor", MOTOR, law(gain=0.6, gain_scale=0.8), u, period, 16)
+    assert np.allclose(found, expected, atol=1e-6)
+
+
+def mechanics():
+    A = np.array([[0.0, 1.0], [-MSD["k"] / MSD["m"], -MSD["c"] / MSD["m"]]])
+    return A, np.array([0.0, 1 / MSD["m"]]), 1, 1 / MSD["m"]
+
+
+FRICTIONS = {
+    "coulomb": ({"friction_forward": 0.6, "friction_back": 0.6}, lambda v: 0.6),
+    "stribeck": (
+        {"friction_forward": 0.4, "friction_back": 0.4, "breakaway": 0.4, "stribeck_speed": 0.3},
+        lambda v: 0.4 + 0.4 * np.exp(-((v / 0.3) ** 2)),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", FRICTIONS)
+def test_stick_and_slip_are_exact_up_to_the_order_of_the_step(kind):
+    coefficients, sliding = FRICTIONS[kind]
+    u, period = levels(80, 4), 0.2
+    expected = stick_slip(*mechanics(), sliding, u, period)
+    stuck = np.mean((expected[:, 1] == 0.0)[1:])
+    assert 0.05 < stuck < 0.9  # the case shows both
+    errors = [
+        np.abs(run("mass-spring-damper", MSD, law(**coefficients), u, period, n) - expected[:, 0]).max()
+        for n in (2, 4, 16)
+    ]
+    assert errors[1] < errors[0] / 6
+    # A regularised sign would be wrong by the width of its slope times the time stuck, about 1e-3 here.
+    assert errors[2] < 2e-6
+
+
+def test_a_stuck_shaft_slips_when_its_current_has_grown():
+    period, u = 0.15, np.repeat([0.9, -0.4, 1.5, 0.0], 8)
+    A = np.array([[-MOTOR["b"], MOTOR["K"]], [0.0, 0.0]]) / MOTOR["J"]
+    A[1] = np.array([-MOTOR["K"], -MOTOR["R"]]) / MOTOR["L"]
+    B = np.array([0.0, 1 / MOTOR["L"]])
+    expected = stick_slip(A, B, 0, 1 / MOTOR["J"], lambda v: 0.5, u, period)
+    found = run("dc-motor", MOTOR, law(friction_forward=0.5, friction_back=0.5), u, period, 32)
+    assert np.abs(found - expected[:, 0]).max() < 1e-6
+
+
+def test_friction_differs_by_direction():
+    u = np.full(400, 1.0)
+    coefficients = law(friction_forward=0.7, friction_back=0.1)
+    # With viscous friction 1 the speed settles where the force balances it.
+    stage = {"M": 0.5, "F_v": 1.0, "gain": 1.0, "offset": 0.0}
+    forward = np.diff(run("positioning-stage", stage, coefficients, u, 0.05, 2))[-1] / 0.05
+    back = np.diff(run("positioning-stage", stage, coefficients, -u, 0.05, 2))[-1] / 0.05
+    assert forward == pytest.approx(0.3, rel=1e-9)
+    assert back == pytest.approx(-0.9, rel=1e-9)
+
+
+def test_a_presliding_contact_agrees_with_scipy():
+    u, period = levels(50, 5), 0.1
+    x, expected = np.zeros(3), []
+    for value in u:
+        expected.append(x[0])
+
+        def rate(_, z, value=value):
+            resisting = value - MSD["c"] * z[1] - MSD["k"] * z[0] - z[2]
+            return [z[1], resisting / MSD["m"], 20.0 * (z[1] - abs(z[1]) * z[2] / 0.5)]
+
+        x = solve_ivp(rate, (0, period), x, rtol=1e-9, atol=1e-11, max_step=0.01).y[:, -1]
+    found = run("mass-spring-damper", MSD, law(**{"elastic": 20.0, "yield": 0.5}), u, period, 32)
+    assert np.abs(found - expected).max() < 1e-5
+
+
+def tanks(u, period, caps, caught, root):
+    """Simulate two tanks by tiny Euler steps, levels cut at their rims."""
+    one, two, y, steps = 0.0, 0.0, [], 1500
+    flow = np.sqrt if root else (lambda x: x)
+    for value in u:
+        y.append(two)
+        for _ in range(steps):
+            q1, q2 = 0.05 * flow(max(one, 0.0)), 0.04 * flow(max(two, 0.0))
+            net = 0.06 * value - q1
+            over = net if one >= caps[0] and net > 0 else 0.0
+            one = min(one + period / steps * net, caps[0])
+            two = min(two + period / steps * (q1 - q2 + caught * over), caps[1])
+    return np.array(y)
+
+
+@pytest.mark.parametrize(("caught", "root"), [(0.0, False), (0.7, True)])
+def test_overflowing_tanks_agree_with_tiny_steps(caught, root):
+    u, period = np.abs(levels(40, 5, size=3.0)), 4.0
+    caps = (1.2, 1.0) if not root else (2.0, 1.6)
+    values = {"a1": 0.05, "a2": 0.04, "b": 0.06}
+    coefficients = law(root=float(root), first_cap=caps[0], second_cap=caps[1], caught=caught)
+    expected = tanks(u, period, caps, caught, root)
+    assert (expected > 0.999 * caps[1]).any()
+    # The reference is of first order: 1500 steps a sample leave about 3e-4; ours counts what is
+    # caught from the step on in which the tank gets full, 0.7 net / 2 of a step of 1/8 s, some 4e-3.
+    assert np.abs(run("two-tanks", values, coefficients, u, period, 32) - expected).max() < 4e-3
+
+
+def test_a_smooth_input_is_followed_between_samples():
+    period, n = 0.1, 900
+    t = period * np.arange(n)
+    u = np.sin(6.0 * t)
+    y = run("mass-spring-damper", MSD, NO_LAW, u, period, 1, "smooth")
+    w = 6.0
+    gain = 1 / (MSD["k"] - MSD["m"] * w**2 + 1j * MSD["c"] * w)
+    settled = np.abs(y - np.imag(gain * np.exp(1j * w * t)))[700:880].max()
+    held = run("mass-spring-damper", MSD, NO_LAW, u, period, 1)
+    # exp(-0.15 * 70) of the start is left.  The staircase of four pieces loses (6 * 0.025)**2 / 24 = 0.1 % of
+    # the sine and its spline 0.1 %; a hold lags by half a sample, 0.3 rad.
+    assert settled < 0.01 * np.abs(gain)
+    assert np.abs(held - y)[700:880].max() > 0.2 * np.abs(gain)
+
+
+def test_a_run_that_diverges_ends_in_not_a_number():
+    y = run("mass-spring-damper", MSD, law(cubic=-50.0), np.full(300, 5.0), 0.2, 1)
+    assert np.isnan(y[-1])
+
+
+def test_models_that_do_not_fit_are_refused():
+    model = load_model("mass-spring-damper").with_term("v", "spring", "-k*x**3")
+    with pytest.raises(ModelError, match="must be linear"):
+        ForcedPlant(model, 0.1)
+
+
+def test_ports_follow_from_the_equations():
+    assert find_port(load_model("positioning-stage")) == Port(1, 0, constant="offset")
+    assert find_port(load_model("thermal-first-order")) == Port()
+    assert find_port(load_model("oscillator")) == Port(1, 0)
