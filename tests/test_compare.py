@@ -244,6 +244,7 @@ def test_pdf_has_the_content_of_the_page_and_is_repeatable(comparison):
 def test_free_form_curves_are_listed_where_there_are_any(comparison):
     class Curve:
         sentence = "A static map at the input would explain at most 61 % of the error."
+        explains_at_most = 0.61
 
         def to_json(self):
             return {"port": "input", "explains_at_most": 0.61, "curve": []}

@@ -20,15 +20,16 @@ from sysid.diagnosis.scores import SetScore, nrmse_interval, score
 from sysid.diagnosis.series import Series, judged_series
 from sysid.diagnosis.summary import data_json, model_json, sentences
 from sysid.diagnosis.where import Finding, Location, locate
-from sysid.errors import UsageError
+from sysid.errors import SysidError, UsageError
 
 if TYPE_CHECKING:
     from sysid.diagnosis.content import Content
     from sysid.diagnosis.models import PortView
+    from sysid.linear.output_error import OutputErrorFit
     from sysid.linear.simulation import Prediction
-    from sysid.physics import Model, Starts
-# Percentage of the work that is done when the model is fitted.
-FITTING_SHARE = 60
+    from sysid.physics import Model, PhysicsFit, Starts
+# Percentage of the work that is done when the model is fitted, and when its error is located.
+FITTING_SHARE, LOCATING_SHARE = 60, 90
 
 
 @dataclass(frozen=True)
@@ -140,6 +141,7 @@ def compare(
     start: "Starts | None" = None,
     fixed: Mapping[str, float] | None = None,
     initial_state: str = "estimate",
+    ports: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> Comparison:
     """Fit a model to a record and judge it on the rows it has not seen.
@@ -159,6 +161,8 @@ def compare(
     start, fixed : mapping of str to float, optional
         Parameters of a physical model known within some 20 %, and those known for good.
     initial_state : {"estimate", "rest"}
+    ports : bool
+        Whether to fit a free-form curve at each port of a linear or physical model.
     progress : callable, optional
         Called with the number of steps done and to do.
 
@@ -212,6 +216,7 @@ def compare(
         judged_series(record, name, chosen, prediction.free_run, delay_found)
         for name, chosen in ((judged, rows), (record.estimation_label, record.learning))
     )
+    curves, notes = _explored(record, fitted, _part_of(progress, LOCATING_SHARE, 100)) if ports else ((), ())
     return Comparison(
         record=record,
         model=fitted,
@@ -222,9 +227,29 @@ def compare(
         series=series,
         tests=_tests(series),
         distortion=_distortion(record, rows),
-        location=locate(series, learned, _part_of(progress, FITTING_SHARE, 100)),
-        warnings=_warnings(record, fitted),
+        location=locate(series, learned, _part_of(progress, FITTING_SHARE, LOCATING_SHARE)),
+        warnings=(*_warnings(record, fitted), *notes),
+        ports=curves,
     )
+
+
+def _explored(
+    record: Record, fitted: FittedModel, progress: Callable[[int, int], None] | None
+) -> "tuple[tuple[PortView, ...], tuple[str, ...]]":
+    """Return the free-form curves at the ports, or a note why there are none."""
+    from sysid.diagnosis.adapters import LinearModel, PhysicalModel
+    from sysid.diagnosis.ports import explore_ports
+
+    if isinstance(fitted, LinearModel):
+        plant: OutputErrorFit | PhysicsFit = fitted.choice.fit
+    elif isinstance(fitted, PhysicalModel):
+        plant = fitted.fit
+    else:
+        return (), ()
+    try:
+        return explore_ports(record, plant, progress=progress), ()
+    except SysidError as problem:
+        return (), (f"Free-form curves at the ports of the model were not fitted: {problem}.",)
 
 
 def _part_of(

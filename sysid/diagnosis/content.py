@@ -79,7 +79,7 @@ def content_of(comparison: "Comparison") -> Content:
         ),
         Section(
             "What a static map could explain",
-            items=tuple(port.sentence for port in comparison.ports),
+            items=() if drawn["ports"] else tuple(port.sentence for port in comparison.ports),
             pictures=drawn["ports"],
         ),
         Section(

@@ -74,11 +74,11 @@ def pictures(comparison: "Comparison") -> dict[str, list[Picture]]:
 
 def port_pictures(ports: "tuple[PortView, ...]") -> list[Picture]:
     """Draw the free-form curves, if there are any."""
-    if not ports:
-        return []
-    from importlib import import_module
+    from sysid.diagnosis.ports import PortCurve
+    from sysid.diagnosis.ports.figures import ports_picture
 
-    return [import_module("sysid.diagnosis.ports.figures").ports_picture(ports)]
+    curves = [port for port in ports if isinstance(port, PortCurve) and port.value.size]
+    return [ports_picture(curves)] if curves else []
 
 
 Drawer = Callable[["Comparison", float, float], tuple[Any, str, str]]

@@ -95,7 +95,11 @@ class FittedModel(Protocol):
 
 
 class PortView(Protocol):
-    """A free-form curve at a port of the model, as a comparison shows it."""
+    """A free-form curve at a port of the model, as a comparison shows it; the best one comes first."""
+
+    @property
+    def explains_at_most(self) -> float:
+        """Share of the error that a static map at this port removes."""
 
     @property
     def sentence(self) -> str:

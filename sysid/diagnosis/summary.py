@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 # Correlations of fewer rows lie within their bands whatever the residual is.
 FEWEST_TESTED_ROWS = 20
 NEGLIGIBLE = 0.05
+# A static map is named in the summary if it removes at least this share of the error.
+WORTH_TELLING = 0.1
 SMALLEST_FLOOR = 1e-4
 NOWHERE = "the error is spread over time, levels, velocities and frequencies as chance would spread it"
 
@@ -41,7 +43,7 @@ def sentences(comparison: "Comparison") -> list[str]:
         found.append(f"Nothing of note fails locally on {comparison.judged}: {NOWHERE}.")
     found += linear_test_sentences(comparison)
     found.append(_nonlinear_sentence(comparison))
-    found += [port.sentence for port in comparison.ports]
+    found += [port.sentence for port in comparison.ports[:1] if port.explains_at_most >= WORTH_TELLING]
     if comparison.distortion.available:
         found.append(f"{comparison.distortion.reason}.")
     return [*found, *comparison.model.notes]
