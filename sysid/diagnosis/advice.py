@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 
-from sysid.diagnosis.decide import NOISE_EFFECT, Decision
+from sysid.diagnosis.decide import NOISE_EFFECT
+from sysid.diagnosis.decision import Decision
 from sysid.diagnosis.structures import Structure
 
 
@@ -29,6 +30,4 @@ def advise(structure: Structure, decision: Decision, accepted: Sequence[str]) ->
     sentence = f"Add {' and '.join(physical)}." if physical else "The effect that was found was not added."
     if len(decision.tie) > 1:
         sentence += f" The record cannot tell {' from '.join(decision.tie)}."
-        if decision.experiment:
-            sentence += f" {decision.experiment}"
     return sentence

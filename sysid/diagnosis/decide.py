@@ -1,10 +1,11 @@
 """The decision: which effects a model lacks, on evidence that all must agree."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from sysid.diagnosis.decision import Decision, Trial
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.evidence import ScoreScreen, block_separation, orthonormal, remainder, score_screen
 from sysid.diagnosis.noise_colour import LARGEST_ORDER, Noise, noise_of
@@ -22,87 +23,9 @@ LEAST_SHARE = 0.01
 LEFT_P_VALUE = 1e-5
 # Noise that is coloured beside an effect is a trace of something else if the probes find this.
 SUSPECT_P_VALUE = 3e-3
-LEFT_SHARE = 0.004
+LEFT_SHARE, SUSPECT_SHARE = 0.01, 0.004
 # Effects stay accepted beside something unexplained if they leave at most this share of the explainable.
 LEAST_EXPLAINED = 0.9
-
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """A candidate, fitted, with the evidence for it.
-
-    Attributes
-    ----------
-    name : str
-    fit : StructureFit or None
-        On the estimation rows; None if it was screened out.
-    noise : Noise
-        Colour of its residual.
-    criterion : float
-        Information criterion under the colour of what the probes leave: lower is better.
-    gain : float
-        How much lower the criterion is than that of the model without it.
-    p_value : float
-        Chance that the best of all candidates looks as good with nothing missing.
-    validation : float
-        Root mean square of the free-run error on the validation rows.
-    innovation : float
-        Root mean square of the innovations on the validation rows.
-    """
-
-    name: str
-    fit: StructureFit | None
-    noise: Noise
-    criterion: float
-    gain: float = 0.0
-    p_value: float = 1.0
-    validation: float = np.inf
-    innovation: float = np.inf
-
-
-@dataclass(frozen=True, eq=False)
-class Decision:
-    """What was decided.
-
-    Attributes
-    ----------
-    verdict : str
-    baseline : StructureFit
-        On the estimation rows.
-    fits : tuple of StructureFit
-        With one, two, ... accepted effects, on the estimation rows.
-    accepted : tuple of str
-    trials : tuple of Trial
-        All single candidates, best first.
-    tie : tuple of str
-        Candidates that cannot be told from the first accepted one.
-    noise : Noise
-        Colour of the final residual.
-    left_p_value, left_share : float
-        Whether anything is left: chance, and share of the explainable squared error.
-    floor : float
-        Root mean square of what neither the final model nor any probe explains.
-    rejected : tuple of str
-        What came closest where nothing explains.
-    given : tuple of str
-        Effects that were asked for whatever the evidence.
-    experiment : str
-        Which experiment would break a tie.
-    """
-
-    verdict: str
-    baseline: StructureFit
-    fits: tuple[StructureFit, ...]
-    accepted: tuple[str, ...]
-    trials: tuple[Trial, ...]
-    tie: tuple[str, ...]
-    noise: Noise
-    left_p_value: float
-    left_share: float
-    floor: float
-    rejected: tuple[str, ...] = ()
-    given: tuple[str, ...] = ()
-    experiment: str = ""
 
 
 class Search:
@@ -407,7 +330,8 @@ class Search:
         left_p, left_share, floor = self._left(baseline, final)
         accepted = self._order(fits)
         suspect = bool(fits) and noise.order > 0 and self._noise_accepted(final, noise)
-        if left_p < (SUSPECT_P_VALUE if suspect else LEFT_P_VALUE) and left_share > LEFT_SHARE:
+        chance, share = (SUSPECT_P_VALUE, SUSPECT_SHARE) if suspect else (LEFT_P_VALUE, LEFT_SHARE)
+        if left_p < chance and left_share > share:
             useful = left_share <= 1.0 - LEAST_EXPLAINED
             rungs = tuple(fits if useful else fits[: len(given)])
             return Decision(

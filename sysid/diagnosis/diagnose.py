@@ -9,7 +9,8 @@ import numpy as np
 
 from sysid.data import Record
 from sysid.diagnosis.advice import advise
-from sysid.diagnosis.decide import NOISE_EFFECT, Decision, Search, Trial
+from sysid.diagnosis.decide import NOISE_EFFECT, Search
+from sysid.diagnosis.decision import Decision, Trial
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
 from sysid.diagnosis.scores import finite, nrmse_interval, score

@@ -160,7 +160,9 @@ EFFECTS = (
             Form(
                 "tanh",
                 (
-                    EffectParameter("g", "1", "largest relative change of the gain", minimum=-1.0, maximum=1.0),
+                    EffectParameter(
+                        "g", "1", "largest relative change of the gain", minimum=-1.0, maximum=1.0
+                    ),
                     EffectParameter(
                         "scale",
                         "[y]",
