@@ -51,8 +51,9 @@ class EffectSearch:
         if not self.grids:
             points = [self.joined(start, ()) for start in self.starts]
             if self.chain.choices[-1].effect.port == "output":
-                points.append(with_regressed_coefficients(self.chain, self.data, points[0]))
-            return _ranked([self._minimise(point, effort) for point in points if point is not None])
+                regressed = with_regressed_coefficients(self.chain, self.data, points[0])
+                points += [] if regressed is None else [regressed]
+            return _ranked([self._minimise(point, effort) for point in points])
         if near is not None:
             self._at(tuple(near))
         for shapes in self.grid_points():
