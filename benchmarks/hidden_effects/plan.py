@@ -158,7 +158,9 @@ def _names(rng: np.random.Generator, family: str, kind: str, usual: tuple[str, .
             _pick(rng, tuple(name for name in _SECOND if name in usual)),
         )
     withheld = tuple(name for name in _WITHHELD if name in usual)
-    foreign = tuple(name for name in FOREIGN if family != "two-tanks" or name != "cubic_damping")
+    # Tanks have no speed, and the motor's speed is its position: there it would be cubic stiffness.
+    still = family in ("two-tanks", "dc-motor")
+    foreign = tuple(name for name in FOREIGN if not (still and name == "cubic_damping"))
     return (_pick(rng, foreign if rng.random() < 0.5 else withheld),)
 
 
