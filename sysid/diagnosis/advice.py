@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from sysid.diagnosis.decide import NOISE_EFFECT
 from sysid.diagnosis.decision import Decision
+from sysid.diagnosis.experiment import Responding, separating_experiment
 from sysid.diagnosis.structures import Structure
 
 
@@ -29,5 +30,23 @@ def advise(structure: Structure, decision: Decision, accepted: Sequence[str]) ->
     physical = [name for name in accepted if name != NOISE_EFFECT]
     sentence = f"Add {' and '.join(physical)}." if physical else "The effect that was found was not added."
     if len(decision.tie) > 1:
-        sentence += f" The record cannot tell {' from '.join(decision.tie)}."
+        sentence += (
+            f" The record cannot tell {' from '.join(decision.tie)}.{_experiment(structure, decision)}"
+        )
     return sentence
+
+
+def _experiment(structure: Structure, decision: Decision) -> str:
+    """Say which experiment would separate the first two candidates of a tie."""
+    fits = {trial.name: trial.fit for trial in decision.trials}
+    first, second = fits.get(decision.tie[0]), fits.get(decision.tie[1])
+    if first is None or second is None or not isinstance(structure, Responding):
+        return " Repeat the measurement with larger and with faster inputs."
+    record = structure.record
+    found = separating_experiment(structure, first, second, record.u[:, 0], decision.floor)
+    if found is None:
+        return " Repeat the measurement with larger and with faster inputs."
+    return (
+        f" {found.n_samples} samples of {found.design} would separate {decision.tie[0]} from "
+        f"{decision.tie[1]} best: by {found.separation:.3g} standard deviations of the noise."
+    )

@@ -10,7 +10,7 @@ from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, EffectParameter, Floats
 from sysid.diagnosis.levenberg import Minimum, minimise
-from sysid.diagnosis.linear_chain import Chain, Data
+from sysid.diagnosis.linear_chain import MOST_DRIVES, Chain, Data
 from sysid.diagnosis.linear_probes import probe_directions
 from sysid.diagnosis.linear_search import EffectSearch
 from sysid.diagnosis.linear_starts import further_starts
@@ -20,6 +20,7 @@ from sysid.linear.output_error import fit_output_error
 from sysid.linear.simulation import first_rows
 
 WHITE = np.ones(1)
+TOO_MANY = f"a linear model takes at most {MOST_DRIVES} forces"
 # A search runs on at most this many rows; its end is polished on all of them.
 SEARCH_ROWS = 6000
 HIGHEST_ORDER = 6
@@ -136,7 +137,7 @@ class LinearStructure:
         data, chain = self.data(rows), self.chain(fit.choices)
         point = self._carried(fit, chain, data)
         base = chain.run(data, point)
-        if base is None or effect.port == "noise":
+        if base is None or effect.port == "noise" or _too_many((*fit.choices, *_as_choices(effect))):
             return []
         found = []
         for form in effect.forms:
@@ -172,6 +173,8 @@ class LinearStructure:
         """Fit the model with these effects, from a fit with fewer, other or the same effects."""
         kept = tuple(c for c in choices if c in start.choices)
         new = [c for c in choices if c not in start.choices]
+        if _too_many(choices):
+            return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status=TOO_MANY)
         data = self.data(rows)
         chain = self.chain(kept)
         point = self._carried(start, chain, data)
@@ -260,6 +263,22 @@ class LinearStructure:
         data, chain = self.data(self.record.learning), self.chain(fit.choices)
         lines = probe_directions(chain, data, self._carried(fit, chain, data))
         return self._on_record(lines, self.record.learning)
+
+    def respond(self, fit: StructureFit, u: Floats) -> tuple[Floats, Floats]:
+        """Return the free run from rest for an input, and its derivative by all parameters.
+
+        Shapes (n_samples,) and (n_samples, n_parameters); infinite where the run diverges.
+        """
+        choices = self.chain(fit.choices).choices
+        chain, data = Chain(self.order, choices, self.free_start, False), self.data(fit.rows)
+        shared, own = 2 * self.order + int(chain.constant), self.chain(fit.choices).n_linear(data)
+        point = np.concatenate([fit.point[:shared], fit.point[own:]])
+        begin = np.array([0, u.size])
+        chosen = Data(u, np.zeros(u.size), np.ones(u.size, dtype=bool), begin, self.record.period)
+        run = chain.run(chosen, point)
+        if run is None:
+            return np.full(u.size, np.inf), np.zeros((u.size, point.size))
+        return run.y, chain.jacobian(chosen, point, run).T
 
     def equation(self, fit: StructureFit) -> str:
         """Return the model's equation with its effects, for a reader."""
@@ -409,6 +428,15 @@ class LinearStructure:
             if cost < best * (1.0 - WORTHWHILE) ** 2:
                 best, chosen = cost, order
         return chosen
+
+
+def _too_many(choices: Sequence[Choice]) -> bool:
+    """Tell whether more forces act than the compiled run takes."""
+    return sum(choice.effect.port in ("force", "gain") for choice in choices) > MOST_DRIVES
+
+
+def _as_choices(effect: Effect) -> tuple[Choice, ...]:
+    return (Choice(effect, effect.forms[0]),)
 
 
 def _signed(value: float) -> str:
