@@ -203,8 +203,7 @@ class Search:
             trial.p_value < self.alpha
             and trial.gain > 0.0
             and self._own_criterion(trial.fit) < self._own_criterion(current)
-            and trial.validation < self._held_out_error(current, WHITE)
-            and self._foreseen_as_well(trial, current)
+            and self._holds(trial, current)
         )
         if not agreed or not further:
             return agreed
@@ -229,13 +228,26 @@ class Search:
         )
         return pair if self._accepted(second, current, baseline, n_before > 0) else None
 
-    def _foreseen_as_well(self, trial: Trial, current: StructureFit) -> bool:
-        """Tell whether the held-out innovations do not rise by more than chance."""
+    def _holds(self, trial: Trial, current: StructureFit) -> bool:
+        """Tell whether an effect holds on held-out rows.
+
+        The free-run error must fall and the innovations not rise by more than chance.  Under coloured
+        noise the free-run error of a small effect is a matter of luck: then the innovations must fall
+        and the free-run error not rise by more than chance.
+        """
         assert trial.fit is not None
-        noise = trial.noise.polynomial
-        before = filtered(self._residual(self._refitted(current, trial.noise)), self.held_out, noise)
-        after = filtered(self._residual(trial.fit), self.held_out, noise)
-        return block_separation(before, after) < TIED
+        after = self._residual(trial.fit)
+
+        def errors(noise: Floats, before: StructureFit) -> tuple[float, float]:
+            first = filtered(self._residual(before), self.held_out, noise)
+            second = filtered(after, self.held_out, noise)
+            return float(second @ second - first @ first), block_separation(first, second)
+
+        innovations = errors(trial.noise.polynomial, self._refitted(current, trial.noise))
+        free_run = errors(WHITE, current)
+        if free_run[0] < 0.0:
+            return innovations[1] < TIED
+        return trial.noise.order > 0 and innovations[0] < 0.0 and free_run[1] < TIED
 
     def _exchanged(self, fit: StructureFit, n_given: int) -> StructureFit:
         """Try to replace each earlier effect by another: the first was chosen before the others."""
