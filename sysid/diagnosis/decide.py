@@ -371,13 +371,18 @@ class Search:
         tangent, probes = self.structure.tangent(final), self.structure.probes(final)
         colour = self._colour(final, tangent, probes).polynomial
         found = remainder(*(filtered(part, rows, colour) for part in (residual, tangent, probes)))
+        p_value = found.p_value
+        if final.choices:
+            plain = self._noise(final).polynomial
+            again = remainder(*(filtered(part, rows, plain) for part in (residual, tangent, probes)))
+            p_value = max(p_value, again.p_value)
         own = Noise(colour, 1.0, 0.0)
         whole = self._cost(final, own)
         gained = max(self._cost(baseline, own) - whole, 0.0)
         floor = float(
             np.sqrt(np.mean(residual[rows] ** 2) * max(1.0 - found.explained / max(whole, 1e-300), 0.0))
         )
-        return found.p_value, found.explained / max(found.explained + gained, 1e-300), floor
+        return p_value, found.explained / max(found.explained + gained, 1e-300), floor
 
     def _noise_accepted(self, fit: StructureFit, noise: Noise) -> bool:
         """Tell whether the residual's memory is real: on held-out rows it must lower the innovations."""
@@ -407,6 +412,14 @@ class Search:
         rest = np.zeros(residual.size)
         rest[rows] = residual[rows] - columns @ (columns.T @ residual[rows])
         found = noise_of(rest, rows)
+        if found.order:
+            # Plain least squares takes slow noise for a trend: once more with the colour found so far.
+            whole = np.zeros((residual.size, columns.shape[1]))
+            whole[rows] = columns
+            basis, target = (filtered(part, rows, found.polynomial) for part in (whole, residual))
+            weights = np.linalg.lstsq(basis, target, rcond=None)[0]
+            rest[rows] = residual[rows] - columns @ weights
+            found = noise_of(rest, rows)
         left = max(int(rows.sum()) - columns.shape[1], 1)
         return replace(found, variance=found.variance * int(rows.sum()) / left)
 

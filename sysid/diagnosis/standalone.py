@@ -107,12 +107,12 @@ def source(model: "SavedModel") -> str:
             )
     adds = [part + "    y = y + s\n" for part in ports["parallel"]]
     maps = "".join([*ports["input"], *ports["parallel"], *ports["output"]])
-    helpers = [text for name, text in _HELPERS.items() if f"{name}(" in maps]
+    functions = [text for name, text in _HELPERS.items() if f"{name}(" in maps]
     return (
         '"""Simulation of an identified model; NumPy is all it needs."""\n\nimport numpy as np\n\n'
         f"T = {model.period!r}\nA = {list(model.a)!r}\nB = {list(model.b)!r}\n"
         f"CONSTANT = {model.constant!r}\n\n\n"
-        + "\n\n".join([*helpers, ""])
+        + "\n\n".join([*functions, ""])
         + 'def simulate(u):\n    """Return the output for an input, from rest."""\n'
         + "    u = np.asarray(u, dtype=float)\n    s = u\n"
         + "".join(ports["input"])
