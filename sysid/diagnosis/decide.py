@@ -23,6 +23,7 @@ LEAST_SHARE = 0.01
 LEFT_P_VALUE = 1e-5
 # Noise that is coloured beside an effect is a trace of something else if the probes find this.
 SUSPECT_P_VALUE = 3e-3
+SEEN_P_VALUE = 1e-2
 LEFT_SHARE, SUSPECT_SHARE = 0.01, 0.004
 # Effects stay accepted beside something unexplained if they leave at most this share of the explainable.
 LEAST_EXPLAINED = 0.9
@@ -372,9 +373,10 @@ class Search:
         colour = self._colour(final, tangent, probes).polynomial
         found = remainder(*(filtered(part, rows, colour) for part in (residual, tangent, probes)))
         p_value = found.p_value
-        if final.choices:
-            plain = self._noise(final).polynomial
-            again = remainder(*(filtered(part, rows, plain) for part in (residual, tangent, probes)))
+        # What the probes follow may be slow noise: under the residual's own colour it must show, too.
+        plain = self._noise(final).polynomial
+        again = remainder(*(filtered(part, rows, plain) for part in (residual, tangent, probes)))
+        if final.choices or again.p_value >= SEEN_P_VALUE:
             p_value = max(p_value, again.p_value)
         own = Noise(colour, 1.0, 0.0)
         whole = self._cost(final, own)
