@@ -52,7 +52,15 @@ class PhysicsStructure:
     model : Model
         Start values, known values.
     initial_state : {"estimate", "rest"}
+
+    Attributes
+    ----------
+    screened : int
+        Candidates worth a fit: all, for a fit takes some hundredths of a second, and an effect that
+        changes the run much, as a square root does, is not seen in its first-order direction.
     """
+
+    screened = 100
 
     def __init__(self, record: Record, model: Model, initial_state: str = "estimate") -> None:
         self.record = record
