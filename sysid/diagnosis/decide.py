@@ -121,8 +121,10 @@ class Search:
         if further and screen.p_value(max(screen.statistics.values())) >= self.alpha:
             return ()  # the residual holds no structure any more
         ranking = sorted(candidates, key=lambda e: -screen.statistics[e.name])
-        trials = self._trials(current, ranking[:SCREENED], colour)
-        left = [Trial(e.name, None, Noise(WHITE, 0.0, 0.0), np.inf, -np.inf) for e in ranking[SCREENED:]]
+        # A family whose fits are cheap may ask for more of them than the screen would let through.
+        count: int = getattr(self.structure, "screened", SCREENED)
+        trials = self._trials(current, ranking[:count], colour)
+        left = [Trial(e.name, None, Noise(WHITE, 0.0, 0.0), np.inf, -np.inf) for e in ranking[count:]]
         return self._judged(current, [*trials, *left], screen, colour)
 
     def _trials(self, current: StructureFit, candidates: Sequence[Effect], noise: Noise) -> list[Trial]:
