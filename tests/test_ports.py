@@ -218,6 +218,61 @@ def test_the_band_covers_the_map_as_often_as_it_says(port, name, colour):
     assert np.median(shares) > 0.9
 
 
+def driven_cart(n=2400, period=0.01, seed=0):
+    """A mass of 1 kg with viscous and dry friction that follows a reference by a PD controller."""
+    rng = np.random.default_rng(seed)
+    reference = np.cumsum(np.repeat(rng.uniform(-0.4, 0.4, n // 80), 80)) * period
+    x, v, substeps = 0.0, 0.0, 10
+    h = period / substeps
+    u, y = np.empty(n), np.empty(n)
+    for k in range(n):
+        y[k] = x
+        u[k] = 60.0 * (reference[k] - x) - 8.0 * v + 0.3
+        for _ in range(substeps):
+            v += h * (u[k] - 0.3 - 2.0 * v)
+            v = np.sign(v) * max(abs(v) - 0.3 * h, 0.0)  # 0.3 N of dry friction, an implicit step
+            x += h * v
+    return make_record(u, y + 1e-5 * rng.standard_normal(n), period)
+
+
+def test_around_an_integrator_with_a_constant_the_missing_friction_is_found():
+    """There a constant in the output is the same as a start of the position: no step may follow it."""
+    record = driven_cart()
+    fit = fit_output_error(record, 2, delay=1, constant=True, initial_state="estimate")
+    curves = explore_ports(record, fit, ports=("output", "velocity"))
+    assert curves[0].port == "velocity"
+    assert curves[0].explains_at_most > 0.8
+
+
+def test_combinations_without_effect_are_left_out():
+    record = driven_cart(800)
+    fit = fit_output_error(record, 2, delay=1, constant=True, initial_state="estimate")
+    knots = np.linspace(-1.0, 1.0, 4)
+    loop, point = loop_at("input", fit, record, knots, np.zeros(6))
+    point[:2] = -1.9, 0.9  # poles 1 and 0.9: the constant does what an initial state does
+    n_free = loop.n_plant + loop.n_weights
+    others = np.delete(loop.jacobian(point), np.s_[loop.n_plant : n_free], axis=1)
+    values = np.linalg.svd(others / np.linalg.norm(others, axis=0), compute_uv=False)
+    assert values[-1] < 1e-13 * values[0] < values[-2]
+    assert loop._orthogonal_combinations(point).shape == (point.size, point.size - 1)
+
+
+def test_a_search_that_goes_nowhere_is_not_taken_for_a_finding(monkeypatch):
+    from sysid.diagnosis.ports import loop as problem
+    from sysid.separable.descent import descend
+
+    record, _ = simulate("position", "cubic stiffness", n=400)
+    fit = fit_output_error(record, 2)
+    monkeypatch.setattr(
+        problem, "descend", lambda *a, **options: descend(*a, **options | {"max_evaluations": 1})
+    )
+    (curve,) = explore_ports(record, fit, ports=("position",))
+    assert curve.explains_at_most == 0.0
+    assert "removes none" not in curve.sentence
+    assert "what it could remove is not known" in curve.sentence
+    assert curve.status == "the search found no curve that lowers the error on the rows it was fitted to"
+
+
 def test_the_same_record_gives_the_same_curves():
     record, _ = simulate("input", "saturation", n=500)
     fit = fit_output_error(record, 2)
@@ -339,6 +394,9 @@ def test_known_failures_of_real_records_show_at_their_ports():
     assert first.explains_at_most > 0.2
 
     stage = read_record("emps")
+    first = explore_ports(stage, fit_output_error(stage, 2, delay=1, constant=True))[0]
+    assert first.port == "velocity"
+    assert first.explains_at_most > 0.8
     first = explore_ports(stage, fit_physics(stage, "positioning-stage"))[0]
     assert first.port == "velocity"
     assert first.explains_at_most > 0.9

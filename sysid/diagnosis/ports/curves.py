@@ -27,6 +27,8 @@ BAND = 1.959963984540054  # 97.5 % quantile of the normal distribution
 NOTHING = 0.02
 # A coarser or another curve is shown instead if it removes so much more of the judged error.
 CLEARLY_MORE = 0.05
+# A map takes more off the error it is fitted to even by chance: a search that ends with less went nowhere.
+NO_PROGRESS = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,9 +220,15 @@ def _curve(record: Record, port: Port, baseline: tuple[Loop, Floats], fits: list
         upper=shape.centre + BAND * shape.spread,
         density=shape.density,
         knots=fit.loop.knots,
-        status=_status(fit),
-        sentence=_sentence(port, share, interval[0]),
+        status=_status(fit, moved := _improves(fit, baseline)),
+        sentence=_sentence(port, share, interval[0]) if moved else _nothing_found(port),
     )
+
+
+def _improves(fit: PortFit, baseline: tuple[Loop, Floats]) -> bool:
+    """Tell whether the map lowers the error on the very rows it was fitted to."""
+    alone, point = baseline
+    return fit.loop.error(fit.point) < (1.0 - NO_PROGRESS) * alone.error(point)
 
 
 def _best_judged(
@@ -234,19 +242,32 @@ def _best_judged(
     return fits[chosen], *judged[chosen]
 
 
-def _status(fit: PortFit) -> str:
+def _status(fit: PortFit, moved: bool) -> str:
+    if not moved:
+        return "the search found no curve that lowers the error on the rows it was fitted to"
     if fit.converged:
         return "the fit converged"
     return "the fit stopped before it converged: a better curve may exist"
 
 
-def _sentence(port: Port, share: float, lowest: float) -> str:
-    place = {
-        "input": f"A static curve at the input {port.quantity}",
-        "output": "A static curve at the output",
-        "position": f"A force that depends on the position ({port.quantity})",
-        "velocity": f"A force that depends on the velocity ({port.quantity})",
+def _place(port: Port) -> str:
+    return {
+        "input": f"static curve at the input {port.quantity}",
+        "output": "static curve at the output",
+        "position": f"force that depends on the position ({port.quantity})",
+        "velocity": f"force that depends on the velocity ({port.quantity})",
     }[port.kind]
+
+
+def _nothing_found(port: Port) -> str:
+    return (
+        f"No {_place(port)} was found that lowers the error even on the rows it was fitted to: "
+        "what it could remove is not known."
+    )
+
+
+def _sentence(port: Port, share: float, lowest: float) -> str:
+    place = f"A {_place(port)}"
     if share < NOTHING:
         return f"{place} removes none of the error."
     chance = ", which may be chance" if lowest <= 0.0 else ""
