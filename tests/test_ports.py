@@ -11,8 +11,10 @@ from sysid.data import make_record
 from sysid.diagnosis.ports import explore_ports
 from sysid.diagnosis.ports.loop import DEGREE, Loop
 from sysid.diagnosis.ports.plants import PORTS, plant_of
+from sysid.diagnosis.ports.reversals import change_at_reversal
 from sysid.diagnosis.ports.search import fit_baseline
 from sysid.diagnosis.ports.stretches import make_stretches
+from sysid.diagnosis.ports.uncertainty import Shape
 from sysid.errors import DataError, ModelError, UsageError
 from sysid.linear import fit_output_error, predict
 from sysid.nonlinearities import Spline
@@ -244,6 +246,24 @@ def test_around_an_integrator_with_a_constant_the_missing_friction_is_found():
     assert curves[0].explains_at_most > 0.8
 
 
+@pytest.mark.parametrize("largest", [1.0, 2.0**0.5, 3.0])
+def test_only_a_force_that_changes_with_the_sign_is_said_to_do_so(largest):
+    """Drag, a cubic damper and a saturating one, each less its line, are smooth; friction is not."""
+    v = np.linspace(-largest, largest, 101)
+    density, spread = np.full(101, 0.5 / largest), np.full(101, 0.01)
+
+    def found(force):
+        return change_at_reversal(Shape(v, force - np.polyval(np.polyfit(v, force, 1), v), spread, density))
+
+    for smooth in (v * np.abs(v), -v * np.abs(v), v**3, np.tanh(v / largest), v**2, 0.0 * v):
+        assert found(smooth) is None
+    change, speed = found(np.tanh(40.0 * v / largest))
+    assert 0.8 < change < 2.0
+    assert speed == pytest.approx(0.25 * largest / np.sqrt(3.0), rel=0.02)
+    noisy = Shape(v, np.tanh(40.0 * v), np.full(101, 0.6), density)  # bands of 1.2 on both sides
+    assert change_at_reversal(noisy) is None
+
+
 def test_combinations_without_effect_are_left_out():
     record = driven_cart(800)
     fit = fit_output_error(record, 2, delay=1, constant=True, initial_state="estimate")
@@ -397,6 +417,7 @@ def test_known_failures_of_real_records_show_at_their_ports():
     first = explore_ports(stage, fit_output_error(stage, 2, delay=1, constant=True))[0]
     assert first.port == "velocity"
     assert first.explains_at_most > 0.8
+    assert "where the velocity changes its sign" in first.sentence
     first = explore_ports(stage, fit_physics(stage, "positioning-stage"))[0]
     assert first.port == "velocity"
     assert first.explains_at_most > 0.9

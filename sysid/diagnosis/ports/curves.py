@@ -10,11 +10,12 @@ from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.ports.loop import Loop
 from sysid.diagnosis.ports.plants import PORTS, Port, plant_of
+from sysid.diagnosis.ports.reversals import change_at_reversal
 from sysid.diagnosis.ports.search import PortFit, enough_rows, fit_baseline, fit_port
 from sysid.diagnosis.ports.stretches import make_stretches
-from sysid.diagnosis.ports.uncertainty import explained, judged_errors, shape_of
+from sysid.diagnosis.ports.uncertainty import Shape, explained, judged_errors, shape_of
 from sysid.diagnosis.scores import finite
-from sysid.diagnosis.wording import percent
+from sysid.diagnosis.wording import percent, quantity
 from sysid.errors import UsageError
 from sysid.linear.forms import Floats
 
@@ -221,7 +222,7 @@ def _curve(record: Record, port: Port, baseline: tuple[Loop, Floats], fits: list
         density=shape.density,
         knots=fit.loop.knots,
         status=_status(fit, moved := _improves(fit, baseline)),
-        sentence=_sentence(port, share, interval[0]) if moved else _nothing_found(port),
+        sentence=_sentence(port, share, interval[0], shape) if moved else _nothing_found(port),
     )
 
 
@@ -266,9 +267,13 @@ def _nothing_found(port: Port) -> str:
     )
 
 
-def _sentence(port: Port, share: float, lowest: float) -> str:
+def _sentence(port: Port, share: float, lowest: float, shape: Shape) -> str:
     place = f"A {_place(port)}"
     if share < NOTHING:
         return f"{place} removes none of the error."
     chance = ", which may be chance" if lowest <= 0.0 else ""
-    return f"{place} removes at most {percent(share)} of the error{chance}."
+    text = f"{place} removes at most {percent(share)} of the error{chance}."
+    if port.kind == "velocity" and not chance and (found := change_at_reversal(shape)) is not None:
+        change, speed = quantity(found[0], port.value_unit), quantity(found[1], port.unit)
+        text += f" It changes by {change} where the velocity changes its sign (within ±{speed})."
+    return text
