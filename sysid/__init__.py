@@ -10,6 +10,7 @@ __version__ = "0.1.0"
 
 _PUBLIC = {
     "NONLINEARITIES": "sysid.nonlinearities",
+    "PhysicsModel": "sysid.physics",
     "Record": "sysid.data",
     "Recursive": "sysid.recursive",
     "RecursiveLeastSquares": "sysid.recursive",
@@ -17,11 +18,15 @@ _PUBLIC = {
     "SeparableFit": "sysid.separable",
     "compare": "sysid.diagnosis.compare",
     "correlation_method": "sysid.hammerstein",
+    "fit_hammerstein": "sysid.linear",
     "fit_output_error": "sysid.linear",
     "fit_physics": "sysid.physics",
     "identify_levels": "sysid.recursive",
+    "fit_state_space": "sysid.linear",
     "load_model": "sysid.physics",
+    "make_record": "sysid.data",
     "read_record": "sysid.data",
+    "resample": "sysid.data",
     "search_method": "sysid.hammerstein",
     "two_sided_search_method": "sysid.hammerstein",
 }

@@ -126,7 +126,7 @@ def test_gaps_and_senseless_periods_are_refused():
     with pytest.raises(DataError, match="row 101: nothing was measured for 4"):
         resample_rows(t, u, u, PERIOD)
     record = make_record(u, u[::-1], PERIOD)
-    for period in (0.0, -1.0, float("nan"), 1e-12):
+    for period in (0.0, -1.0, float("nan"), 1e-12, 1e300, "a", None):
         with pytest.raises(UsageError):
             resample(record, period)
     with pytest.raises(UsageError, match="record is of type ndarray"):

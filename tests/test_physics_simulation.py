@@ -34,6 +34,9 @@ def state_space(name, v):
             lambda J, b, K, L, R: ([[-b / J, K / J], [-K / L, -R / L]], [[0, 0], [1 / L, 0]], [1, 0], 0)
         ),
         "two-tanks": (lambda a1, a2, b: ([[-a1, 0], [a1, -a2]], [[b, 0], [0, 0]], [0, 1], 0)),
+        "two-tanks-offset": (
+            lambda a1, a2, b, offset: ([[-a1, 0], [a1, -a2]], [[b, 0], [0, 0]], [0, 1], offset)
+        ),
         "positioning-stage": (
             lambda M, F_v, gain, offset: (
                 [[0, 1], [0, -F_v / M]],

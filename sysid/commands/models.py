@@ -6,17 +6,25 @@ import sys
 from typing import TYPE_CHECKING
 
 from sysid.physics.model import Model, Parameter
-from sysid.physics.reading import load_model, model_names
+from sysid.physics.reading import all_model_names, load_model
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+
+# What `sysid compare` fits besides; their orders are chosen from the record.
+BLACK_BOXES = {
+    "linear": "A(q) y = B(q) u + constant",
+    "state-space": "x(k+1) = A x(k) + B u(k), y(k) = C x(k) + D u(k) + offset",
+    "hammerstein-<map>": "A(q) y = B(q) N(u) + constant, N a saturation, dead-zone, preload, relay, ...",
+}
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the models asked for."""
     from rich.console import Console
 
-    models = [load_model(name) for name in arguments.models or model_names()]
+    models = [load_model(name) for name in arguments.models or all_model_names()]
     console = Console(file=sys.stdout, highlight=False, width=None if sys.stdout.isatty() else 120)
     for model in models:
         console.print(f"{model.name}: {model.title}", style="bold", markup=False, soft_wrap=True)
@@ -25,6 +33,9 @@ def run(arguments: argparse.Namespace) -> int:
         console.print(_variables(model))
         console.print(_parameters(model))
         console.print()
+    if not arguments.models:
+        for name, equation in BLACK_BOXES.items():
+            console.print(f"{name}: {equation}", markup=False, soft_wrap=True)
     return 0
 
 
@@ -43,7 +54,7 @@ def _variables(model: Model) -> "Table":
 def _parameters(model: Model) -> "Table":
     table = _table(("parameter", "unit", "start", "range", "status", "what it is"))
     for p in model.parameters:
-        table.add_row(p.name, p.unit, f"{p.start:g}", _range(p), p.status, p.meaning)
+        table.add_row(p.name, p.unit, _start(p), _range(p), p.status, p.meaning)
     return table
 
 
@@ -54,6 +65,11 @@ def _table(headings: tuple[str, ...]) -> "Table":
     for heading in headings:
         table.add_column(heading)
     return table
+
+
+def _start(parameter: Parameter) -> str:
+    prior = parameter.prior
+    return f"{parameter.start:g}" if prior is None else f"{prior.mean:g} ± {prior.std:g}"
 
 
 def _range(parameter: Parameter) -> str:

@@ -10,5 +10,6 @@ def add(parser: argparse.ArgumentParser) -> None:
         "models",
         metavar="MODEL",
         nargs="*",
-        help="name of a model or TOML file (default: all built-in models)",
+        help="name of a model, TOML file, or Python class as module:Class or file.py:Class (default: all "
+        "that are installed)",
     )

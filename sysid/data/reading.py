@@ -12,7 +12,7 @@ from sysid.data.formats import stored_table
 from sysid.data.notes import known_period, read_notes
 from sysid.data.record import Floats, Record, make_record, names_of
 from sysid.data.registry import EXPERIMENT_COLUMN, SPLIT_COLUMN, registered_path
-from sysid.data.resampling import clock_of, resample_table
+from sysid.data.resampling import checked_period, clock_of, resample_table
 from sysid.data.text import detect, read_table
 from sysid.data.times import period_from_times, restarts
 from sysid.data.units import in_seconds, named_units
@@ -121,6 +121,7 @@ def _read(
     decimal: str | None,
     resample: float | None,
 ) -> Record:
+    resample = None if resample is None else checked_period(resample)
     registered = registered_path(path)
     if registered is not None:
         path, split, experiment = registered, split or SPLIT_COLUMN, experiment or EXPERIMENT_COLUMN

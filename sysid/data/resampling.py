@@ -74,6 +74,7 @@ def resample(record: Record, period: float) -> Record:
     True
     """
     check_record(record)
+    period = checked_period(period)
     groups = np.repeat(record.experiments, [part.stop - part.start for part in record.slices])
     clock = clock_of(record.period, groups, record.n_samples)
     rows = resample_table(clock, record.u, record.y, groups, record.split, record.skip, period)
@@ -221,14 +222,27 @@ def resample_rows(times: Floats, u: Floats, y: Floats, period: float, first: int
     return Resampled(means, outputs, source, filtered)
 
 
+def checked_period(period: float) -> float:
+    """Return a positive number of seconds; UsageError if it is none."""
+    try:
+        seconds = float(period)
+    except (TypeError, ValueError):
+        seconds = math.nan
+    if not (math.isfinite(seconds) and seconds > 0.0):
+        raise UsageError(f"the period to resample to is {period!r}: give a positive number of seconds")
+    return seconds
+
+
 def _checked_steps(times: Floats, period: float, first: int) -> float:
     """Return the typical step of the times."""
-    if not (np.isfinite(period) and period > 0.0):
-        raise UsageError(f"the period to resample to is {period:g} s: give a positive number of seconds")
     if times.size < 2:
         raise DataError(f"{times.size} rows cannot be resampled: an experiment needs at least two")
     steps = np.diff(times)
     typical = float(np.median(steps))
+    if period > times[-1] - times[0]:
+        raise UsageError(
+            f"resampling to {period:g} s leaves one row of {times[-1] - times[0]:g} s: give a shorter period"
+        )
     if (times[-1] - times[0]) / period > MOST_ROWS:
         raise UsageError(
             f"resampling to {period:g} s would give more than {MOST_ROWS} rows: give a longer period"

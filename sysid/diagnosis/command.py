@@ -58,7 +58,7 @@ def add_model_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("model")
     group.add_argument(
         "--model",
-        metavar="linear|NAME|FILE.toml",
+        metavar="linear|NAME|FILE.toml|MODULE:CLASS",
         default="linear",
         help="linear (default), a physical model that `sysid models` lists, or one of your own",
     )
@@ -67,9 +67,10 @@ def add_model_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--param",
-        metavar="NAME=VALUE",
+        metavar="NAME=VALUE[+-STD]",
         action="append",
-        help="value of a parameter known within some 20 %%, from which its search starts",
+        help="value of a parameter known within some 20 %%, from which its search starts; with STD, a "
+        "standard deviation, a Gaussian prior that weighs in the fit",
     )
     group.add_argument("--fix", metavar="NAME=VALUE", action="append", help="known value of a parameter")
 
@@ -96,6 +97,22 @@ def assigned_values(option: str, texts: Sequence[str] | None) -> dict[str, float
         if not isfinite(values[name]):
             raise UsageError(f"{option} {text!r}: {number!r} is not finite: give a number")
     return values
+
+
+def start_values(texts: Sequence[str] | None) -> dict[str, float | tuple[float, float]]:
+    """Return the start values that NAME=VALUE texts give; with a standard deviation behind +- or ±, pairs.
+
+    Examples
+    --------
+    >>> start_values(["R=1.2+-0.1", "L=1e-3"])
+    {'R': (1.2, 0.1), 'L': 0.001}
+    """
+    parts = [text.replace("±", "+-").partition("+-") for text in texts or ()]
+    values = assigned_values("--param", [head for head, _, _ in parts])
+    spreads = assigned_values(
+        "--param", [f"{head.partition('=')[0]}={spread}" for head, sign, spread in parts if sign]
+    )
+    return {n: (value, spreads[n]) if n in spreads else value for n, value in values.items()}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -140,7 +157,7 @@ def run(arguments: argparse.Namespace) -> int:
     from sysid.diagnosis.models import resolve_model
     from sysid.progress import progress
 
-    start = assigned_values("--param", arguments.param)
+    start = start_values(arguments.param)
     fixed = assigned_values("--fix", arguments.fix)
     resolve_model(arguments.model, arguments.order, start, fixed)  # before a long file is read
     page = arguments.html or DEFAULT_FOLDER / f"{_stem(arguments.data)}.compare.html"

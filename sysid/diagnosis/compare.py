@@ -20,7 +20,7 @@ from sysid.errors import UsageError
 if TYPE_CHECKING:
     from sysid.linear.forms import Floats
     from sysid.linear.simulation import Prediction
-    from sysid.physics import Model
+    from sysid.physics import Model, Starts
 
 NO_NOISE_FLOOR = "not estimated: a noise floor needs repeated periods or a nonparametric model of the record"
 
@@ -132,7 +132,7 @@ def compare(
     *,
     delay: int | None = None,
     constant: bool | None = None,
-    start: Mapping[str, float] | None = None,
+    start: "Starts | None" = None,
     fixed: Mapping[str, float] | None = None,
     initial_state: str = "estimate",
     progress: Callable[[int, int], None] | None = None,

@@ -13,7 +13,7 @@ from sysid.errors import UsageError
 if TYPE_CHECKING:
     from sysid.linear.selection import Candidate, Choice
     from sysid.linear.simulation import Prediction
-    from sysid.physics import Model, PhysicsFit
+    from sysid.physics import Model, PhysicsFit, Starts
 
 LINEAR = "linear"
 
@@ -357,15 +357,16 @@ class PhysicalModel:
 def resolve_model(
     model: "str | Path | Model",
     order: int | None = None,
-    start: Mapping[str, float] | None = None,
+    start: "Starts | None" = None,
     fixed: Mapping[str, float] | None = None,
-) -> "Model | None":
-    """Return a physical model with start and known values, or None for the linear one.
+) -> "Model | str | None":
+    """Return a physical model with start and known values, None for the linear one, or another's name.
 
     Parameters
     ----------
     model : str, Path or Model
-        ``"linear"``, the name of a physical model, a TOML file, or a model.
+        ``"linear"``, ``"state-space"``, ``"hammerstein-..."`` with the name of a map, the name of a physical
+        model, a TOML file, or a model.
     order : int, optional
     start, fixed : mapping of str to float, optional
 
@@ -379,24 +380,25 @@ def resolve_model(
     >>> resolve_model("two-tanks", fixed={"b": 0.5}).parameter("b").status
     'fixed'
     """
-    from sysid.physics import Model, load_model, model_names
+    from sysid.physics import Model, all_model_names, is_known, is_model_class, load_model
 
-    if isinstance(model, str) and model == LINEAR:
+    if isinstance(model, str) and (model == LINEAR or model in _black_boxes(model)):
         if given := [*(start or {}), *(fixed or {})]:
             raise UsageError(
-                f"the linear model has no parameter {given[0]!r} to start from or to fix: its coefficients "
+                f"the {model} model has no parameter {given[0]!r} to start from or to fix: its coefficients "
                 "are found without start values, so leave it out or choose a physical model"
             )
-        return None
+        return None if model == LINEAR else model
     if isinstance(model, Model):
         found = model
     else:
-        if not isinstance(model, str | Path):
+        if not isinstance(model, str | Path) and not is_model_class(model):
             raise UsageError(f"model is of type {type(model).__name__}: give a name, a TOML file or a Model")
-        if str(model) not in model_names() and Path(model).suffix != ".toml":
+        if isinstance(model, str | Path) and not is_known(model):
+            known = ", ".join((LINEAR, *all_model_names(), *_black_boxes(model)))
             raise UsageError(
-                f"model {str(model)!r} is not known: choose one of {', '.join((LINEAR, *model_names()))}, "
-                "or give a .toml file"
+                f"model {str(model)!r} is not known: choose one of {known}, or give a .toml file or a class "
+                "as module:Class"
             )
         found = load_model(model)
     if order is not None and order != found.order:
@@ -406,9 +408,18 @@ def resolve_model(
     return found.with_parameters(start, fixed)
 
 
+def _black_boxes(model: str | Path) -> tuple[str, ...]:
+    """Return the names of state-space and Hammerstein models, without loading them for others."""
+    if not str(model).startswith(("state", "hammerstein")):
+        return ("state-space", "hammerstein-<map>")
+    from sysid.diagnosis.black_boxes import black_box_names
+
+    return black_box_names()
+
+
 def fit_model(
     record: Record,
-    model: "Model | None",
+    model: "Model | str | None",
     order: int | None = None,
     *,
     delay: int | None = None,
@@ -433,6 +444,18 @@ def fit_model(
             progress=progress,
         )
         return LinearModel(choice, dict(record.units))
+    if isinstance(model, str):
+        from sysid.diagnosis.black_boxes import fit_black_box
+
+        return fit_black_box(
+            record,
+            model,
+            order,
+            delay=delay,
+            constant=constant,
+            initial_state=initial_state,
+            progress=progress,
+        )
     from sysid.physics import fit_physics
 
     if delay is not None or constant is not None:

@@ -112,3 +112,44 @@ def sensitivity_columns(
             before = last
             last = value
         state[j, 0], state[j, 1] = last, before
+
+
+@compiled
+def section_states(A: Floats, B: Floats, start: Floats, u: Floats, x: Floats, S: Floats) -> None:
+    """Fill the states of x(k+1) = A x + B u for two states, shape (2, n_rows), and their derivatives.
+
+    ``S`` has shape (2, 6 + 2 n_inputs, n_rows) and holds the derivatives by the entries of A, of B (both row
+    by row) and of the initial state; with an empty last axis none are computed.
+    """
+    m, n_rows = u.shape[1], u.shape[0]
+    wanted = S.shape[2] > 0
+    columns = 6 + 2 * m
+    now, following = np.zeros((2, columns)), np.zeros((2, columns))
+    now[0, 4 + 2 * m] = 1.0
+    now[1, 5 + 2 * m] = 1.0
+    x0, x1 = start[0], start[1]
+    for k in range(n_rows):
+        x[0, k] = x0
+        x[1, k] = x1
+        if wanted:
+            for c in range(columns):
+                S[0, c, k] = now[0, c]
+                S[1, c, k] = now[1, c]
+                following[0, c] = A[0, 0] * now[0, c] + A[0, 1] * now[1, c]
+                following[1, c] = A[1, 0] * now[0, c] + A[1, 1] * now[1, c]
+            following[0, 0] += x0
+            following[0, 1] += x1
+            following[1, 2] += x0
+            following[1, 3] += x1
+            for j in range(m):
+                following[0, 4 + j] += u[k, j]
+                following[1, 4 + m + j] += u[k, j]
+            for c in range(columns):
+                now[0, c] = following[0, c]
+                now[1, c] = following[1, c]
+        y0 = A[0, 0] * x0 + A[0, 1] * x1
+        y1 = A[1, 0] * x0 + A[1, 1] * x1
+        for j in range(m):
+            y0 += B[0, j] * u[k, j]
+            y1 += B[1, j] * u[k, j]
+        x0, x1 = y0, y1

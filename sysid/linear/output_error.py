@@ -19,7 +19,8 @@ from sysid.linear.forms import (
 )
 from sysid.linear.reduction import Reduction, Segment, Structure
 from sysid.linear.search import Search, search_poles
-from sysid.linear.starts import least_squares_poles, pole_grid, steiglitz_mcbride_poles, subspace_poles
+from sysid.linear.starts import least_squares_poles, pole_grid, steiglitz_mcbride_poles
+from sysid.linear.subspace import Run, subspace_poles
 from sysid.linear.uncertainty import Uncertainty, parameter_uncertainty
 
 INITIAL_STATES = ("estimate", "rest")
@@ -329,8 +330,8 @@ def _search_all(
     segments: tuple[Segment, ...], structure: Structure, extra: Sequence[Complexes], step: float
 ) -> tuple[Search, bool, int]:
     """Search from the best of all starts; return the best end, whether two agree, and how many ran."""
-    screening = _shortened(segments, SCREENING_ROWS)
-    ranked = _ranked_starts(_shortened(segments, RANKING_ROWS), structure, extra)[:SEARCHED_STARTS]
+    screening = shortened(segments, SCREENING_ROWS)
+    ranked = _ranked_starts(shortened(segments, RANKING_ROWS), structure, extra)[:SEARCHED_STARTS]
     searches = [search_poles(screening, structure, start, COARSE_STEP, FIRST_EVALUATIONS) for start in ranked]
     searches.sort(key=lambda search: search.cost)
     leading = [search_poles(screening, structure, s.reflections, step) for s in searches[:LEADING]]
@@ -341,6 +342,17 @@ def _search_all(
     if sum(s.y.size for s in screening) < sum(s.y.size for s in segments):
         best = search_poles(segments, structure, best.reflections, step)
     return best, len(near) > 1, len(searches)
+
+
+def best_search(segments: tuple[Segment, ...], structure: Structure) -> Search:
+    """Return the best of all searches for a structure."""
+    return _search_all(segments, structure, (), COARSE_STEP)[0]
+
+
+def first_cost(segments: tuple[Segment, ...], structure: Structure) -> float:
+    """Return the sum of squared errors of the best start, before any search."""
+    start = _ranked_starts(shortened(segments, RANKING_ROWS), structure, ())[0]
+    return Reduction(segments, structure, start).cost
 
 
 def _agreement(agree: bool, tried: int) -> str:
@@ -354,7 +366,7 @@ def _agreement(agree: bool, tried: int) -> str:
     )
 
 
-def _shortened(segments: tuple[Segment, ...], rows: int) -> tuple[Segment, ...]:
+def shortened(segments: tuple[Segment, ...], rows: int) -> tuple[Segment, ...]:
     """Return the first rows of each experiment, so many in all."""
     total = sum(int(segment.used.sum()) for segment in segments)
     if total <= rows:
@@ -371,10 +383,11 @@ def _ranked_starts(
     least_squares = least_squares_poles(segments, structure)
     candidates: list[Complexes] = [least_squares]
     candidates += steiglitz_mcbride_poles(segments, structure, least_squares)
-    subspace = subspace_poles(segments, range(order, order + 1))
-    if order in subspace:
-        candidates.append(subspace[order])
-        candidates += steiglitz_mcbride_poles(segments, structure, subspace[order])
+    runs = [Run(segment.u, segment.y[:, np.newaxis], segment.used) for segment in segments]
+    subspace = subspace_poles(runs, range(order, order + 1)).get(order, [])
+    candidates += subspace
+    for poles in subspace[:1]:
+        candidates += steiglitz_mcbride_poles(segments, structure, poles)
     n_rows = max(segment.y.size for segment in segments)
     if order <= 2:
         candidates += pole_grid(order, n_rows)

@@ -289,10 +289,10 @@ def _equal(trial: _Trial, best: _Trial) -> bool:
     if trial.candidate.validation_rms <= best.candidate.validation_rms * (1.0 + PRACTICAL_SHARE):
         return True
     difference = trial.squared - best.squared
-    return bool(difference.mean() <= max(_standard_error(difference, count) for count in VALIDATION_BLOCKS))
+    return bool(difference.mean() <= max(standard_error(difference, count) for count in VALIDATION_BLOCKS))
 
 
-def _standard_error(values: Floats, count: int) -> float:
+def standard_error(values: Floats, count: int) -> float:
     """Return the standard error of the mean of a correlated series from the means of its blocks."""
     means = np.array([block.mean() for block in np.array_split(values, count) if block.size])
     return float(means.std(ddof=1) / np.sqrt(means.size))

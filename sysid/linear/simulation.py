@@ -185,6 +185,7 @@ def predict_experiments(
     noise: Floats,
     free_start: bool,
     run: Callable[[slice, Mask, bool], Floats],
+    output: int = 0,
 ) -> Prediction:
     """Run every experiment of a record and say where its initial state comes from.
 
@@ -202,6 +203,8 @@ def predict_experiments(
     run : callable
         Gives the free run of an experiment from its rows in the record, the rows for its initial
         state, and whether these are rows of the fit.
+    output : int
+        Column of the record's outputs that is predicted.
 
     Returns
     -------
@@ -211,7 +214,7 @@ def predict_experiments(
     free_run, one_step = np.empty(record.n_samples), np.empty(record.n_samples)
     notes = []
     for part in record.slices:
-        y = record.y[part, 0]
+        y = record.y[part, output]
         used = chosen[part] & np.isfinite(y)
         fitted = bool(used.any())
         note = "estimated on the rows of the fit"

@@ -12,7 +12,6 @@ from sysid.separable.factor import fold
 STEIGLITZ_MCBRIDE_ROUNDS = 8
 GRID_FREQUENCIES = 8
 GRID_DAMPING = (0.03, 0.2, 0.7)
-SUBSPACE_ROWS = 30_000
 
 
 def least_squares_poles(
@@ -61,48 +60,6 @@ def steiglitz_mcbride_poles(
             break
         poles = following
     return rounds
-
-
-def subspace_poles(segments: tuple[Segment, ...], orders: range) -> dict[int, Complexes]:
-    """Return poles of each order from one past-output subspace factorisation (PO-MOESP).
-
-    Source: Verhaegen (1994), Identification of the deterministic part of MIMO state space models
-    given in innovations form from input-output data, Automatica 30(1).
-    """
-    depth = max(orders) + 4
-    triangle: Floats | None = None
-    n_inputs = segments[0].u.shape[1]
-    rows_left = SUBSPACE_ROWS
-    for segment in segments:
-        if rows_left <= 0:
-            break
-        usable = _runs(segment.used, 2 * depth - 1)[:rows_left]
-        rows_left -= usable.size
-        if usable.size == 0:
-            continue
-        u = segment.u - segment.u[segment.used].mean(axis=0)
-        y = segment.y - segment.y[segment.used].mean()
-        past = [usable - lag for lag in range(2 * depth - 1, depth - 1, -1)]
-        future = [usable - lag for lag in range(depth - 1, -1, -1)]
-        rows = np.vstack(
-            [u[k, i] for i in range(n_inputs) for k in future]
-            + [u[k, i] for i in range(n_inputs) for k in past]
-            + [y[k] for k in past]
-            + [y[k] for k in future]
-        )
-        for first in range(0, usable.size, BLOCK_ROWS):
-            triangle = fold(triangle, np.ascontiguousarray(rows[:, first : first + BLOCK_ROWS]))
-    if triangle is None:
-        return {}
-    n_future = depth * n_inputs
-    past_to_future = triangle[n_future:-depth, -depth:].T
-    left, values, _ = np.linalg.svd(past_to_future, full_matrices=False)
-    found = {}
-    for order in orders:
-        observability = left[:, :order] * np.sqrt(values[:order])
-        A = np.linalg.lstsq(observability[:-1], observability[1:], rcond=None)[0]
-        found[order] = np.asarray(np.linalg.eigvals(A), dtype=np.complex128)
-    return found
 
 
 def pole_grid(order: int, n_rows: int) -> list[Complexes]:

@@ -1,5 +1,6 @@
 """Standard errors of a linear model when its residual is coloured."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,13 +35,19 @@ class Uncertainty:
 
 
 def parameter_uncertainty(
-    segments: tuple[Segment, ...], structure: Structure, search: Search, *, skip: bool = False
+    segments: tuple[Segment, ...],
+    structure: Structure,
+    search: Search,
+    *,
+    skip: bool = False,
+    extra: Sequence[Floats] = (),
 ) -> Uncertainty:
-    """Return standard errors of the coefficients.
+    """Return standard errors of the coefficients, and of further parameters behind them.
 
     With Jacobian J and residual covariance V the estimate has the covariance
     (J'J)^-1 J'VJ (J'J)^-1; V is that of an autoregressive model of the residual, so that
     J'VJ = sigma^2 |F'J|^2, where F' runs 1/D backwards in time.  Initial states count as parameters.
+    ``extra`` holds for each segment the derivatives of its output by the further ones, one a row.
     """
     n_parameters = structure.n_parameters(segments[0].u.shape[1])
     if skip:
@@ -49,6 +56,9 @@ def parameter_uncertainty(
         *(_jacobian(segment, structure, search, number) for number, segment in enumerate(segments)),
         strict=True,
     )
+    if extra:
+        jacobians = tuple(np.vstack([J, more]) for J, more in zip(jacobians, extra, strict=True))
+        n_parameters += extra[0].shape[0]
     noise, noise_std = autoregression([r[s.used] for r, s in zip(residuals, segments, strict=True)])
     n_rows = sum(int(segment.used.sum()) for segment in segments)
     n_starts = structure.order * len(segments) if structure.free_start else 0

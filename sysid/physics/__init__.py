@@ -5,8 +5,9 @@ The fit is loaded when first used: models can be read and listed without it.
 
 from typing import TYPE_CHECKING, Any
 
-from sysid.physics.model import Equation, Model, Output, Parameter, Term, Variable
-from sysid.physics.reading import load_model, model_names, read_model
+from sysid.physics.classes import PhysicsModel, is_model_class
+from sysid.physics.model import Equation, Model, Output, Parameter, Prior, Starts, Term, Variable
+from sysid.physics.reading import all_model_names, is_known, load_model, model_names, read_model
 
 if TYPE_CHECKING:
     from sysid.physics.fit import PhysicsFit, fit_physics
@@ -18,10 +19,16 @@ __all__ = [
     "Output",
     "Parameter",
     "PhysicsFit",
+    "PhysicsModel",
+    "Prior",
     "Simulator",
+    "Starts",
     "Term",
     "Variable",
+    "all_model_names",
     "fit_physics",
+    "is_known",
+    "is_model_class",
     "load_model",
     "model_names",
     "read_model",

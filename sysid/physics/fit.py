@@ -12,21 +12,24 @@ from sysid.data.record import Mask, check_record
 from sysid.errors import IdentifiabilityError, ModelError, UsageError
 from sysid.linear.forms import Floats
 from sysid.linear.reduction import Segment
-from sysid.physics.model import Model
+from sysid.physics.matching import matched_points
+from sysid.physics.model import Model, Starts
 from sysid.physics.problem import Problem
 from sysid.physics.reading import load_model
 from sysid.physics.simulation import step_error
-from sysid.physics.starts import starting_points
+from sysid.physics.starts import draw_widths, starting_points
 from sysid.physics.uncertainty import Uncertainty, parameter_uncertainty
 from sysid.separable.descent import Minimum, Residual, Status, levenberg_marquardt
 
 if TYPE_CHECKING:
     from sysid.linear.simulation import Prediction
+    from sysid.physics.classes import PhysicsModel
 
 INITIAL_STATES = ("estimate", "rest")
 RANKING_ROWS = 2_000
 SCREENING_ROWS = 10_000
 SEARCHED_STARTS = 8
+MATCHED_STARTS = 4
 SCREENING_EVALUATIONS = 80
 EVALUATIONS = 300
 # Two searches agree when their errors differ by less than this share ...
@@ -36,6 +39,9 @@ OUTPUT_AGREEMENT = 0.05
 EXACT = 1e-9
 STEP_TOLERANCE = 1e-4
 HALVINGS = 5
+# Priors are weighed by the noise that is left over, which depends on them.
+PRIOR_ROUNDS = 20
+PRIOR_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -113,15 +119,17 @@ class PhysicsFit:
         lines = [f"PhysicsFit of {self.model.name!r}: rms {self.rms:.4g} on {self.n_rows} rows"]
         for name, (value, error) in self.parameters().items():
             spread = "fixed" if name not in self.names else f"± {error:.2g}"
+            if (prior := self.model.parameter(name).prior) is not None:
+                spread += f" (prior {prior.mean:.4g} ± {prior.std:.2g})"
             lines.append(f"  {name:8s} {value: .6g} {self.unit(name)} {spread}")
         return "\n".join([*lines, f"  {self.status}"])
 
 
 def fit_physics(
     record: Record,
-    model: Model | str | Path,
+    model: "Model | str | Path | type[PhysicsModel]",
     *,
-    start: Mapping[str, float] | None = None,
+    start: Starts | None = None,
     fixed: Mapping[str, float] | None = None,
     initial_state: str = "estimate",
     rows: Mask | None = None,
@@ -132,10 +140,11 @@ def fit_physics(
     ----------
     record : Record
         With one output.
-    model : Model, str or Path
-        A model, the name of a built-in one, or a TOML file.
-    start : mapping of str to float, optional
-        Values known within some 20 %.
+    model : Model, str, Path or class
+        A model, or what `load_model` takes: a name, a TOML file, a Python class.
+    start : mapping of str to float or pair of float, optional
+        Values known within some 20 %; or values with their standard deviations: Gaussian priors, which
+        weigh in the fit by the noise of the record.
     fixed : mapping of str to float, optional
         Known values.
     initial_state : {"estimate", "rest"}
@@ -180,6 +189,8 @@ def fit_physics(
         minimum, agreeing, tried = _search_all(problem)
         minimum = _with_fine_steps(problem, minimum)
         uncertainty = parameter_uncertainty(problem, minimum.x, minimum.point.residual)
+        if any(parameter.prior is not None for parameter in problem.parameters):
+            problem, minimum, uncertainty = _with_priors(problem, minimum, uncertainty)
     return _result(problem, minimum, uncertainty, record, (agreeing, tried))
 
 
@@ -208,7 +219,7 @@ def _result(
         period=problem.period,
         inputs=record.inputs,
         outputs=record.outputs,
-        rms=float(np.sqrt(minimum.cost / problem.n_rows)),
+        rms=float(np.sqrt(np.mean(minimum.point.residual[: problem.n_rows] ** 2))),
         output_std=float(np.std(measured)),
         n_rows=problem.n_rows,
         substeps=problem.simulator.substeps,
@@ -243,7 +254,7 @@ def _search_all(problem: Problem) -> tuple[Minimum[Residual], int, int]:
     ranking = problem.with_segments(_shortened(problem.segments, RANKING_ROWS))
     count = len(problem.names)
     ends: list[Minimum[Residual]] = []
-    for coordinates, states in _starts(ranking):
+    for coordinates, states in _starts(ranking, screening):
         screening.use_steps(None)
         point = screening.point(coordinates, _all_states(screening, states))
         if point is not None:
@@ -272,20 +283,32 @@ def _search_all(problem: Problem) -> tuple[Minimum[Residual], int, int]:
     return best, agreeing, len(ends)
 
 
-def _starts(problem: Problem) -> list[tuple[Floats, Floats]]:
+def _starts(problem: Problem, screening: Problem) -> list[tuple[Floats, Floats]]:
     """Return parameters and initial states from which to search.
 
-    A free response from far away can hide what the input does.  So where initial states are
-    estimated and parameters are not known, half of the starts come from runs at rest.
+    Where parameters are not known, the first come from a linear model that was identified before
+    (`sysid.physics.matching`).  A free response from far away can hide what the input does, so where
+    initial states are estimated too, half of the others come from runs at rest.
     """
     count = len(problem.names)
     found = [(p[:count], problem.states_of(p)) for p in starting_points(problem, SEARCHED_STARTS)]
-    unknown = any(parameter.status == "free" for parameter in problem.parameters)
-    if not (problem.free_start and unknown):
+    if all(parameter.status == "uncertain" for parameter in problem.parameters):
         return found
+    matched = _matched(screening)
+    if not problem.free_start:
+        return matched + found[: SEARCHED_STARTS - len(matched)]
     at_rest = Problem(problem.model, problem.segments, problem.period, free_start=False)
-    forced = starting_points(at_rest, SEARCHED_STARTS // 2)
-    return [(p[:count], at_rest.states_of(p)) for p in forced] + found[: SEARCHED_STARTS - len(forced)]
+    forced = [(p[:count], at_rest.states_of(p)) for p in starting_points(at_rest, SEARCHED_STARTS // 2)]
+    return (matched + forced + found)[:SEARCHED_STARTS]
+
+
+def _matched(problem: Problem) -> list[tuple[Floats, Floats]]:
+    """Return starts with the transfer function of an identified model, each with its initial states."""
+    problem.use_steps(None)
+    centre = problem.coordinates(problem.simulator.values())
+    points = matched_points(problem, centre, draw_widths(problem, centre), MATCHED_STARTS)
+    placed = [problem.point(point) for point in points]
+    return [(p[: centre.size], problem.states_of(p)) for p in placed if p is not None]
 
 
 def _all_states(problem: Problem, known: Floats) -> Floats:
@@ -318,6 +341,25 @@ def _with_fine_steps(problem: Problem, minimum: Minimum[Residual]) -> Minimum[Re
         problem.use_steps(2 * (problem.simulator.substeps or 1))
         minimum = _descend(problem, minimum.x, EVALUATIONS)
     return minimum
+
+
+def _with_priors(
+    problem: Problem, minimum: Minimum[Residual], uncertainty: Uncertainty
+) -> tuple[Problem, Minimum[Residual], Uncertainty]:
+    """Weigh the priors by the noise of the record, and again by the noise that is then left over.
+
+    The first search went on without them where they only guide it, so that they do not choose between
+    minima that the record tells apart.
+    """
+    noise = uncertainty.effective_noise
+    for _ in range(PRIOR_ROUNDS):
+        problem = problem.with_noise(noise)
+        minimum = _descend(problem, minimum.x, EVALUATIONS)
+        uncertainty = parameter_uncertainty(problem, minimum.x, minimum.point.residual)
+        if np.abs(uncertainty.effective_noise / noise - 1.0).max() < PRIOR_TOLERANCE:
+            break
+        noise = uncertainty.effective_noise
+    return problem, minimum, uncertainty
 
 
 def _same(best: Minimum[Residual], end: Minimum[Residual], problem: Problem) -> bool:

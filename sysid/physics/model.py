@@ -9,6 +9,8 @@ from sysid.physics.expressions import ZERO, Expression, Number, operation, subst
 from sysid.physics.grammar import parse
 
 STATUSES = ("free", "uncertain", "fixed")
+# A start value of a parameter, or its value and standard deviation.
+Starts = Mapping[str, float | tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,20 @@ class Variable:
 
 
 @dataclass(frozen=True)
+class Prior:
+    """What is known of a parameter before the record: a Gaussian distribution.
+
+    Attributes
+    ----------
+    mean, std : float
+        In the unit of the parameter.
+    """
+
+    mean: float
+    std: float
+
+
+@dataclass(frozen=True)
 class Parameter:
     """A parameter with its unit, start value and bounds.
 
@@ -42,6 +58,8 @@ class Parameter:
     minimum, maximum : float
     status : {"free", "uncertain", "fixed"}
         Free: the start says little.  Uncertain: the start is known within some 20 %.  Fixed: known.
+    prior : Prior or None
+        Weighs in the fit as one more measurement.
     """
 
     name: str
@@ -51,6 +69,7 @@ class Parameter:
     maximum: float = math.inf
     status: str = "free"
     meaning: str = ""
+    prior: Prior | None = None
 
     @property
     def positive(self) -> bool:
@@ -71,6 +90,12 @@ class Parameter:
             )
         if self.positive and self.start == 0.0:
             raise ModelError("start is 0 and the parameter can only be positive: give a positive start")
+        if self.prior is not None and not (
+            math.isfinite(self.prior.mean) and 0.0 < self.prior.std < math.inf
+        ):
+            raise ModelError(
+                f"its prior is {self.prior.mean:g} ± {self.prior.std:g}: give a positive standard deviation"
+            )
 
 
 @dataclass(frozen=True)
@@ -168,9 +193,11 @@ class Model:
         raise ModelError(f"model {self.name!r} has no parameter {name!r}: choose one of {names}")
 
     def with_parameters(
-        self, start: Mapping[str, float] | None = None, fixed: Mapping[str, float] | None = None
+        self, start: Starts | None = None, fixed: Mapping[str, float] | None = None
     ) -> "Model":
         """Return the model with other start values (uncertain) and known values (fixed).
+
+        A start may be a pair of value and standard deviation: a Gaussian prior.
 
         Examples
         --------
@@ -185,7 +212,7 @@ class Model:
             raise ModelError(f"parameter {min(both)!r} has a start and a fixed value: give one of them")
         for status, values in (("uncertain", start), ("fixed", fixed)):
             for name, value in (values or {}).items():
-                changed = replace(self.parameter(name), start=_real(name, value), status=status)
+                changed = _changed(self.parameter(name), value, status)
                 try:
                     changed.check()
                 except ModelError as problem:
@@ -276,11 +303,24 @@ class Model:
         return "\n".join([*(str(e) for e in self.equations), *(str(o) for o in self.outputs)])
 
 
-def _real(name: str, value: float) -> float:
+def _changed(parameter: Parameter, value: float | tuple[float, float], status: str) -> Parameter:
+    """Return a parameter with another start; a prior stays unless a new one is given or it becomes fixed."""
+    if isinstance(value, tuple) and len(value) == 2 and status != "fixed":
+        mean, std = (_real(parameter.name, part) for part in value)
+        return replace(parameter, start=mean, status=status, prior=Prior(mean, std))
+    known = _real(parameter.name, value)
+    return replace(
+        parameter, start=known, status=status, prior=None if status == "fixed" else parameter.prior
+    )
+
+
+def _real(name: str, value: object) -> float:
     try:
-        return float(value)
+        return float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
-        raise ModelError(f"parameter {name!r} is {value!r}: give a number") from None
+        raise ModelError(
+            f"parameter {name!r} is {value!r}: give a number, or a start as (value, standard deviation)"
+        ) from None
 
 
 def _sum_text(terms: tuple[Term, ...]) -> str:

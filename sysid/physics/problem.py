@@ -31,9 +31,22 @@ class Problem:
         Sampling period [s].
     free_start : bool
         Whether the initial state of each experiment is estimated; at rest otherwise.
+    noise : ndarray, shape (n_searched,), optional
+        Size of the noise by which priors are weighed, for each searched parameter; priors count for
+        nothing without it.
+
+    A Gaussian prior of mean m and deviation s adds the row ``noise * (parameter - m) / s``: in units of the
+    noise it is one more measurement.
     """
 
-    def __init__(self, model: Model, segments: tuple[Segment, ...], period: float, free_start: bool) -> None:
+    def __init__(
+        self,
+        model: Model,
+        segments: tuple[Segment, ...],
+        period: float,
+        free_start: bool,
+        noise: Floats | None = None,
+    ) -> None:
         self.model, self.segments, self.period = model, segments, period
         self.free_start = free_start
         self.simulator = Simulator(model, period)
@@ -43,6 +56,12 @@ class Problem:
         self.partial = Simulator(model, period, searched=[p.name for p in self.parameters if not p.positive])
         self.n_rows = sum(int(segment.used.sum()) for segment in segments)
         self.before = 1.0 if free_start else 0.0
+        self.noise = noise
+        self.priors = (
+            []
+            if noise is None
+            else [(j, p.prior) for j, p in enumerate(self.parameters) if p.prior is not None]
+        )
 
     @property
     def n_starts(self) -> int:
@@ -51,7 +70,13 @@ class Problem:
 
     def with_segments(self, segments: tuple[Segment, ...]) -> "Problem":
         """Return the same problem on other rows."""
-        return Problem(self.model, segments, self.period, self.free_start)
+        return Problem(self.model, segments, self.period, self.free_start, self.noise)
+
+    def with_noise(self, noise: Floats) -> "Problem":
+        """Return the same problem with priors weighed by another size of the noise."""
+        problem = Problem(self.model, self.segments, self.period, self.free_start, noise)
+        problem.use_steps(self.simulator.substeps)
+        return problem
 
     def coordinates(self, values: Mapping[str, float]) -> Floats:
         """Return the search coordinates of the parameters."""
@@ -86,7 +111,19 @@ class Problem:
             - segment.y[segment.used]
             for segment, start in zip(self.segments, starts, strict=True)
         ]
-        return np.concatenate(parts)
+        return np.concatenate([*parts, self._prior_residual(values)])
+
+    def _prior_residual(self, values: Mapping[str, float]) -> Floats:
+        return np.array(
+            [self.prior_weight(j) * (values[self.names[j]] - prior.mean) for j, prior in self.priors]
+        )
+
+    def prior_weight(self, place: int) -> float:
+        """Return noise over prior standard deviation of a searched parameter with a prior."""
+        prior = self.parameters[place].prior
+        assert prior is not None
+        assert self.noise is not None
+        return float(self.noise[place]) / prior.std
 
     def jacobian(self, point: Floats) -> Floats:
         """Return the derivative of the residual by the point."""
@@ -107,7 +144,7 @@ class Problem:
         """Return the derivatives by the parameters a simulator searches, and by the initial states."""
         values, starts = self._split(point)
         count, order = len(simulator.searched), self.model.order
-        J = np.zeros((self.n_rows, count + self.n_starts))
+        J = np.zeros((self.n_rows + len(self.priors), count + self.n_starts))
         row = 0
         for number, (segment, start) in enumerate(zip(self.segments, starts, strict=True)):
             _, slopes = simulator.sensitivities(values, segment.u, start, before=self.before)
@@ -117,6 +154,9 @@ class Problem:
                 column = count + number * order
                 J[rows, column : column + order] = slopes[segment.used, 0, count:]
             row = rows.stop
+        for row, (place, _) in enumerate(self.priors, start=self.n_rows):
+            if self.names[place] in simulator.searched:
+                J[row, simulator.searched.index(self.names[place])] = self.prior_weight(place)
         return J
 
     def point(self, coordinates: Floats, near: Floats | None = None) -> Floats | None:

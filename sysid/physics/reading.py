@@ -4,16 +4,21 @@ import re
 import tomllib
 from collections.abc import Mapping
 from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sysid.errors import ModelError
 from sysid.physics.expressions import FUNCTIONS, ONE, Expression
 from sysid.physics.grammar import parse
-from sysid.physics.model import Equation, Model, Output, Parameter, Term, Variable
+from sysid.physics.model import Equation, Model, Output, Parameter, Prior, Term, Variable
+
+if TYPE_CHECKING:
+    from sysid.physics.classes import PhysicsModel
 
 LARGEST_FILE = 100_000
+ENTRY_POINTS = "sysid.models"
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _KEYS = {
     "model": ("name", "title", "states", "inputs", "outputs", "equations", "parameters"),
@@ -21,7 +26,7 @@ _KEYS = {
     "inputs": ("unit", "meaning", "delay"),
     "outputs": ("unit", "meaning", "terms"),
     "equations": ("state", "factor", "unit", "terms"),
-    "parameters": ("unit", "start", "minimum", "maximum", "status", "meaning"),
+    "parameters": ("unit", "start", "std", "minimum", "maximum", "status", "meaning"),
 }
 Table = Mapping[str, Any]
 
@@ -38,13 +43,15 @@ def model_names() -> tuple[str, ...]:
     return tuple(sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml")))
 
 
-def load_model(name_or_file: str | Path) -> Model:
-    """Return a built-in model by its name, or one from a TOML file.
+def load_model(source: "str | Path | type[PhysicsModel]") -> Model:
+    """Return a model by its name, from a TOML file or from a Python class.
 
     Parameters
     ----------
-    name_or_file : str or Path
-        A name of `model_names`, or a path that ends with ``.toml``.
+    source : str, Path or class
+        A name that ``sysid models`` lists; a path that ends with ``.toml``; a class derived from
+        `PhysicsModel`, or its address as ``package.module:Class`` or ``file.py:Class`` (the module is
+        imported, so that its code runs).
 
     Returns
     -------
@@ -62,16 +69,59 @@ def load_model(name_or_file: str | Path) -> Model:
     L i' = u - R*i - K*w
     y = w
     """
-    if not isinstance(name_or_file, str | Path):
-        raise ModelError(f"model is {name_or_file!r}: give the name of a model or a .toml file")
-    name = str(name_or_file)
+    from sysid.physics.classes import PhysicsModel, load_class
+
+    if isinstance(source, type) and issubclass(source, PhysicsModel):
+        return source.model()
+    if not isinstance(source, str | Path):
+        raise ModelError(f"model is {source!r}: give the name of a model, a .toml file or a class")
+    name = str(source)
     if name in model_names():
         return _built_in(name)
-    path = Path(name_or_file)
-    if path.suffix != ".toml":
+    if name in (others := _registered()):
+        return _from_entry(others[name])
+    path = Path(source)
+    if path.suffix == ".toml":
+        return _from_file(path, name)
+    if ":" in name:
+        return load_class(name)
+    raise ModelError(
+        f"model {name!r} is not known: choose one of {', '.join(all_model_names())}, or give a .toml file or "
+        "a class as module:Class"
+    )
+
+
+def is_known(source: str | Path) -> bool:
+    """Return whether `load_model` knows what is meant: a listed name, a TOML file or a class's address."""
+    name = str(source)
+    return name in all_model_names() or Path(source).suffix == ".toml" or ":" in name
+
+
+def all_model_names() -> tuple[str, ...]:
+    """Return the names of the built-in models, and of those that installed packages add.
+
+    A package adds a model by an entry point of the group ``sysid.models`` that names a class derived from
+    `PhysicsModel` or a `Model`.
+    """
+    return (*model_names(), *sorted(set(_registered()) - set(model_names())))
+
+
+def _registered() -> dict[str, EntryPoint]:
+    return {entry.name: entry for entry in entry_points(group=ENTRY_POINTS)}
+
+
+def _from_entry(entry: EntryPoint) -> Model:
+    try:
+        found = entry.load()
+    except Exception as problem:
         raise ModelError(
-            f"model {name!r} is not known: choose one of {', '.join(model_names())}, or give a .toml file"
-        )
+            f"model {entry.name!r} of the entry point {entry.value} cannot be imported "
+            f"({type(problem).__name__}): repair or remove the package that adds it"
+        ) from None
+    return found if isinstance(found, Model) else load_model(found)
+
+
+def _from_file(path: Path, name: str) -> Model:
     try:
         raw = path.read_bytes()
     except OSError as problem:
@@ -124,7 +174,7 @@ def _model(table: Table, source: str) -> Model:
         title=_text(table, "title", "title"),
         states=states,
         inputs=inputs,
-        outputs=tuple(Output(_checked_name(n, "outputs"), "", ()) for n, _ in outputs),
+        outputs=tuple(Output(checked_name(n, "outputs"), "", ()) for n, _ in outputs),
         parameters=parameters,
         equations=(),
         source=source,
@@ -163,7 +213,8 @@ def _tables(table: Table, key: str) -> list[tuple[str, Table]]:
     return list(content.items())
 
 
-def _checked_name(name: str, kind: str) -> str:
+def checked_name(name: str, kind: str) -> str:
+    """Return a name that may stand in an equation; ModelError if it may not."""
     if not _NAME.fullmatch(name) or len(name) > 40:
         raise ModelError(f"{kind}.{name}: a name is a letter followed by letters, digits and _, at most 40")
     if name in FUNCTIONS:
@@ -192,7 +243,7 @@ def _real(table: Table, key: str, place: str, default: float | None = None) -> f
 
 
 def _variable(name: str, table: Table, kind: str) -> Variable:
-    place = f"{kind}.{_checked_name(name, kind)}"
+    place = f"{kind}.{checked_name(name, kind)}"
     rest = _real(table, "rest", place, 0.0)
     if not abs(rest) < float("inf"):
         raise ModelError(f"{place}: rest is {rest}: give a finite number")
@@ -201,15 +252,18 @@ def _variable(name: str, table: Table, kind: str) -> Variable:
 
 
 def _parameter(name: str, table: Table) -> Parameter:
-    place = f"parameters.{_checked_name(name, 'parameters')}"
+    place = f"parameters.{checked_name(name, 'parameters')}"
+    start = _real(table, "start", place)
+    prior = Prior(start, _real(table, "std", place)) if "std" in table else None
     parameter = Parameter(
         name=name,
         unit=_text(table, "unit", place),
-        start=_real(table, "start", place),
+        start=start,
         minimum=_real(table, "minimum", place, float("-inf")),
         maximum=_real(table, "maximum", place, float("inf")),
-        status=_text(table, "status", place, "free"),
+        status=_text(table, "status", place, "free" if prior is None else "uncertain"),
         meaning=_text(table, "meaning", place, ""),
+        prior=prior,
     )
     try:
         parameter.check()

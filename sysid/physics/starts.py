@@ -31,7 +31,7 @@ def starting_points(problem: Problem, count: int) -> list[Floats]:
     generator = np.random.default_rng(SEED)
     low, high = (bound[: len(problem.names)] for bound in problem.bounds())
     centre = np.clip(problem.coordinates(problem.simulator.values()), low, high)
-    width = _widths(problem, centre)
+    width = draw_widths(problem, centre)
     near = all(parameter.status == "uncertain" for parameter in problem.parameters)
     found: list[Draw] = []
     _add(problem, found, centre)
@@ -71,14 +71,23 @@ def _advanced(problem: Problem, point: Floats) -> Draw:
     return end.cost, end.x
 
 
-def _widths(problem: Problem, centre: Floats) -> Floats:
-    known = np.array([parameter.status == "uncertain" for parameter in problem.parameters])
+def draw_widths(problem: Problem, centre: Floats) -> Floats:
+    """Return how far draws may lie from the start values, in search coordinates.
+
+    Three standard deviations where there is a prior.
+    """
     size = np.maximum(np.abs(centre), 1.0)
-    return np.where(
-        problem.positive,
-        np.where(known, UNCERTAIN, UNKNOWN),
-        np.where(known, UNCERTAIN, LINEAR_UNKNOWN) * size,
-    )
+    widths = []
+    for parameter, positive, scale in zip(problem.parameters, problem.positive, size, strict=True):
+        known = parameter.status == "uncertain"
+        if parameter.prior is not None:
+            share = 3.0 * parameter.prior.std
+            widths.append(min(share / parameter.start, UNKNOWN) if positive else share)
+        elif positive:
+            widths.append(UNCERTAIN if known else UNKNOWN)
+        else:
+            widths.append((UNCERTAIN if known else LINEAR_UNKNOWN) * scale)
+    return np.array(widths)
 
 
 def _add(problem: Problem, found: list[Draw], coordinates: Floats) -> None:

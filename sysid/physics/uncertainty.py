@@ -28,6 +28,9 @@ class Uncertainty:
         D(q), leading 1: the residual is white noise through 1/D.
     noise_std : float
         Standard deviation of that white noise.
+    effective_noise : ndarray, shape (n_searched,)
+        Standard deviation of white noise in which each parameter would be as uncertain: by it a prior
+        is weighed.
     """
 
     covariance: Floats
@@ -35,17 +38,20 @@ class Uncertainty:
     undetermined: tuple[str, ...]
     noise: Floats
     noise_std: float
+    effective_noise: Floats
 
 
 def parameter_uncertainty(problem: Problem, point: Floats, residual: Floats) -> Uncertainty:
     """Return the covariance (J'J)^-1 J'VJ (J'J)^-1, V that of an autoregressive model of the residual.
 
-    J'VJ = sigma^2 |F'J|^2, where F' runs 1/D backwards in time.  Initial states count as parameters.
+    J'VJ = sigma^2 |F'J|^2, where F' runs 1/D backwards in time.  Initial states count as parameters.  The row
+    of a prior has the variance of the noise by which it was weighed.
     """
     from sysid.linear.uncertainty import autoregression
 
     J = problem.plain_jacobian(point)
-    runs = np.split(residual, np.cumsum([int(s.used.sum()) for s in problem.segments])[:-1])
+    rows, count = problem.n_rows, len(problem.names)
+    runs = np.split(residual[:rows], np.cumsum([int(s.used.sum()) for s in problem.segments])[:-1])
     noise, noise_std = autoregression(runs)
     scale = np.linalg.norm(J, axis=0)
     scale[scale == 0.0] = 1.0
@@ -53,15 +59,22 @@ def parameter_uncertainty(problem: Problem, point: Floats, residual: Floats) -> 
     left, sizes, right = np.linalg.svd(J, full_matrices=False)
     known = sizes > RANK_TOLERANCE * sizes[0]
     # (J'J)^-1 J' V J (J'J)^-1 = G'G with G = F'J (J'J)^-1 = F'U diag(1/s) V'.
-    filtered = _backwards(left[:, known], noise, problem)
-    G = (filtered / sizes[known]) @ right[known] / scale
-    spread = noise_std * np.sqrt(problem.n_rows / max(problem.n_rows - point.size, 1))
-    count = len(problem.names)
-    covariance = spread**2 * (G.T @ G)[:count, :count]
+    inverse = (right[known] / sizes[known, np.newaxis]) / scale
+    spread = noise_std * np.sqrt(rows / max(rows - point.size, 1))
+    G = spread * (_backwards(left[:rows, known], noise, problem) @ inverse)[:, :count]
+    white = (left[:rows, known] @ inverse)[:, :count]
+    size = np.linalg.norm(white, axis=0)
+    effective = np.where(size > 0.0, np.linalg.norm(G, axis=0) / np.where(size > 0.0, size, 1.0), spread)
+    covariance = G.T @ G
+    if problem.priors:
+        assert problem.noise is not None
+        weighed = np.array([problem.noise[place] for place, _ in problem.priors])
+        P = weighed[:, np.newaxis] * (left[rows:, known] @ inverse)[:, :count]
+        covariance += P.T @ P
     loose = np.abs(right[~known][:, :count]).max(axis=0, initial=0.0) > PART_OF_DIRECTION
     covariance[loose, :] = covariance[:, loose] = np.inf
     undetermined = tuple(name for name, is_loose in zip(problem.names, loose, strict=True) if is_loose)
-    return Uncertainty(covariance, np.sqrt(np.diag(covariance)), undetermined, noise, noise_std)
+    return Uncertainty(covariance, np.sqrt(np.diag(covariance)), undetermined, noise, noise_std, effective)
 
 
 def _backwards(columns: Floats, noise: Floats, problem: Problem) -> Floats:

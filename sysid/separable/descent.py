@@ -206,6 +206,9 @@ def descend(
         norms = np.sqrt(np.einsum("ij,ij->j", jac, jac))
         scale = np.maximum(scale, norms)
         gradient = jac.T @ r
+        if not np.isfinite([norms, gradient]).all():  # the cost has a value here, its derivative has none
+            status = Status.STUCK
+            break
         free = ~(((x <= lower) & (gradient > 0)) | ((x >= upper) & (gradient < 0))) & (norms > 0)
         if not np.any(free & (np.abs(gradient) > tolerance * norms * np.sqrt(cost))):
             status = Status.GRADIENT
