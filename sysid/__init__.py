@@ -19,6 +19,7 @@ _PUBLIC = {
     "compare": "sysid.diagnosis.compare",
     "correlation_method": "sysid.hammerstein",
     "fit_hammerstein": "sysid.linear",
+    "fit_local_linear": "sysid.local_linear",
     "fit_output_error": "sysid.linear",
     "fit_physics": "sysid.physics",
     "identify_levels": "sysid.recursive",
