@@ -117,7 +117,9 @@ def test_a_start_is_gone_on_from(fitted):
 
 
 def test_cascaded_tanks(records):
-    record = read_record(records / "cascaded_tanks" / "cascaded_tanks.csv")
-    fit = fit_local_linear(record, order=2, models=3, restarts=1)
+    record = read_record(
+        records / "cascaded_tanks" / "cascaded_tanks.csv", split="split", experiment="experiment"
+    )
+    fit = fit_local_linear(record, order=2, models=2, restarts=2)
     rows = record.scored_rows(record.test_sets[0])
     assert fit.nrmse(record, rows)[0] < 0.35
