@@ -15,7 +15,7 @@ from scipy.linalg import lapack, solve_triangular
 
 from sysid.errors import IdentifiabilityError
 from sysid.local_linear import kernels
-from sysid.local_linear.passes import fly, pull_back, pull_back_slopes, sensitivities
+from sysid.local_linear.passes import Flight, fly, pull_back, pull_back_slopes, sensitivities
 from sysid.local_linear.recursion import Respond, recursion
 from sysid.local_linear.structure import Course
 from sysid.separable.factor import PANEL, RANK_TOLERANCE
@@ -177,10 +177,18 @@ def approach_2a(course: Course, elimination: Elimination, *, respond: Respond | 
 
 
 def approach_2b(
-    course: Course, G: Floats, *, out: Floats | None = None, respond: Respond | None = None
+    course: Course,
+    G: Floats,
+    *,
+    out: Floats | None = None,
+    into: Flight | None = None,
+    respond: Respond | None = None,
 ) -> Floats:
-    """Return (41), the derivative of the simulated output with the sign of the residual, (n_rows, n_eta)."""
-    found = sensitivities(course, fly(course, G), sign=-1.0, out=out, respond=respond)
+    """Return (41), the derivative of the simulated output with the sign of the residual, (n_rows, n_eta).
+
+    ``out`` and ``into`` (see `fly`) are filled if given: fresh memory costs as much as the computation.
+    """
+    found = sensitivities(course, fly(course, G, into=into), sign=-1.0, out=out, respond=respond)
     return found.reshape(-1, course.sizes.n_eta)
 
 
@@ -204,11 +212,11 @@ def exact(
     return -elimination.solve_transposed(table), tail
 
 
-def cost_gradient(course: Course, elimination: Elimination) -> Floats:
+def cost_gradient(course: Course, elimination: Elimination, *, into: Flight | None = None) -> Floats:
     """Return the gradient of the projected cost (12) by one backward pass, shape (n_eta,)."""
     G = elimination.theta.reshape(course.sizes.n_states, -1)
     r = elimination.residual.reshape(-1, course.sizes.n_outputs)
-    return -2.0 * pull_back(course, fly(course, G), r).by_eta
+    return -2.0 * pull_back(course, fly(course, G, into=into), r).by_eta
 
 
 __all__ = [

@@ -93,15 +93,22 @@ def weight_drives(weights: Floats, slopes: Floats, local: Floats, mixed: Floats,
                     column += 1
 
 
-@compiled
-def fill_output_slopes(x: Floats, sign: float, out: Floats, first: int) -> None:
-    """Fill the derivative of sign C x by the entries of C, row by row: x(k) on a block diagonal."""
-    n = x.shape[1]
-    for k in range(out.shape[0]):
-        for o in range(out.shape[1]):
-            for other in range(out.shape[1]):
+@lru_cache(maxsize=64)
+def output_slopes(n: int, p: int) -> Callable[[Floats, float, Floats, int], None]:
+    """Return what fills the derivative of sign C x by the entries of C: x(k) on a block diagonal.
+
+    It is called as ``fill(x, sign, out, first)``, with ``out`` of shape (n_steps, p, any).
+    """
+
+    def fill(x, sign, out, first):  # type: ignore[no-untyped-def]
+        for k in range(out.shape[0]):
+            for o in range(p):
+                for j in range(n * p):
+                    out[k, o, first + j] = 0.0
                 for b in range(n):
-                    out[k, o, first + other * n + b] = sign * x[k, b] if other == o else 0.0
+                    out[k, o, first + o * n + b] = sign * x[k, b]
+
+    return cast(Callable[[Floats, float, Floats, int], None], compiled(fill))
 
 
 Forward = Callable[[Floats, Floats, Floats, Floats, Floats, Floats, Floats, Floats], None]

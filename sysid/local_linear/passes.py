@@ -73,7 +73,7 @@ class Flight:
     moves: Floats
 
 
-def fly(course: Course, G: Floats, start: Floats | None = None) -> Flight:
+def fly(course: Course, G: Floats, start: Floats | None = None, *, into: Flight | None = None) -> Flight:
     """Simulate the states of (1) from a start, zero by default.
 
     Parameters
@@ -81,10 +81,12 @@ def fly(course: Course, G: Floats, start: Floats | None = None) -> Flight:
     course : Course
     G : ndarray, shape (n_states, channels)
     start : ndarray, shape (n_states,), optional
+    into : Flight, optional
+        One of the same sizes, to be filled.
     """
     sizes = course.sizes
     n, s, q, n_samples = sizes.n_states, sizes.n_models, sizes.n_scheduling, course.A.shape[0]
-    flight = Flight(
+    flight = into or Flight(
         np.empty((n_samples + 1, n)), np.empty((n_samples, 1, s * n)), np.empty((n_samples, n, 2 * s * q))
     )
     blocks = G.reshape(n, s, -1).transpose(2, 1, 0)
@@ -130,7 +132,7 @@ def sensitivities(
     C = sign * course.C
     for row in range(n):
         run(course.A, C, flight.drives, row, out, row * s * n, by_A[row])
-    kernels.fill_output_slopes(flight.x, sign, out, n * n * s)
+    kernels.output_slopes(n, sizes.n_outputs)(flight.x, sign, out, n * n * s)
     run(course.A, C, flight.moves, -1, out, sizes.n_dynamic, by_weights)
     return out
 
