@@ -57,7 +57,7 @@ class Borges:
         return {
             "q1/20-dB": (Run(1, "20-dB", methods="sls"), fewer),
             "q1/noise-free": (Run(1, "noise-free", methods="sls"), fewer),
-            "q2/20-dB": (Run(2, "20-dB", methods="searches"), runs),
+            "q2/20-dB": (Run(2, "20-dB", methods="searches"), fewer),
             "q2/noise-free": (Run(2, "noise-free"), runs),
         }
 

@@ -11,6 +11,7 @@ from sysid.local_linear import LocalLinearModel, Problem, Sizes, identity_descen
 from sysid.local_linear.fit import linear_starts
 from sysid.local_linear.problem import JACOBIANS, At
 from sysid.separable import descend
+from sysid.separable.factor import fold
 
 Floats = NDArray[np.float64]
 
@@ -27,18 +28,14 @@ class Joint:
     values: Floats
 
     @property
-    def at(self) -> At:
-        """The projected problem at the same eta."""
-        return self.problem(self.values[: self.problem.sizes.n_eta])
-
-    @property
     def cost(self) -> float:
         """Sum of squared residuals."""
         with np.errstate(all="ignore"):
-            residual = self._residual()
+            residual = self.residual()
             return float(residual @ residual) if np.isfinite(residual).all() else np.inf
 
-    def _residual(self) -> Floats:
+    def residual(self) -> Floats:
+        """Return data less simulation, output by output."""
         return self.problem.y[0].ravel() - self._model().simulate(*self._signals()).ravel()
 
     def _model(self) -> LocalLinearModel:
@@ -49,7 +46,7 @@ class Joint:
         return experiment.inputs[:, :-1], experiment.scheduling
 
     def linearise(self) -> tuple[Floats, Floats]:
-        """Return the Jacobian [D Phi] and the residual."""
+        """Return the Jacobian [D Phi] and the residual, in coordinates in which both are triangular."""
         from sysid.local_linear.gradients import approach_2b
         from sysid.local_linear.passes import regressors
         from sysid.local_linear.structure import course
@@ -58,7 +55,9 @@ class Joint:
         one = course(sizes, self.values[: sizes.n_eta], self.problem.experiments[0])
         G = self.values[sizes.n_eta :].reshape(sizes.n_states, -1)
         phi = regressors(one).reshape(-1, sizes.n_linear)
-        return np.hstack([approach_2b(one, G), -phi]), self._residual()
+        rows = np.hstack([approach_2b(one, G), -phi, self.residual()[:, np.newaxis]])
+        factor = fold(None, np.ascontiguousarray(rows.T))
+        return factor[:, :-1], factor[:, -1]
 
 
 def model_of(sizes: Sizes, values: Floats) -> LocalLinearModel:

@@ -10,6 +10,17 @@ it,
 * `Problem` is the search problem for signals as they are, with the Jacobian of choice;
 * `blocked_cost` and `blocked_kaufman` need the memory of one block of rows only.
 
+On a measured record, the cascaded tanks (``sysid data fetch cascaded_tanks``), two local models of order two
+halve the error of the linear one on the estimation data, with a free-run error of 0.63 V on the test set::
+
+    record = sysid.read_record("cascaded_tanks.csv", split="split", experiment="experiment")
+    fit = sysid.fit_local_linear(record, order=2, models=2, restarts=2)
+    print(fit, fit.nrmse(record, record.scored_rows("test")))
+    plot_weights(fit.model, fit.schedule(record))
+
+More local models than the data visit fit them better and may diverge elsewhere: compare validation errors,
+with ``rows=record.estimation``.
+
 Examples
 --------
 >>> import numpy as np
