@@ -30,6 +30,8 @@ class Joint:
     @property
     def cost(self) -> float:
         """Sum of squared residuals."""
+        if not np.isfinite(self.values).all():
+            return np.inf
         with np.errstate(all="ignore"):
             residual = self.residual()
             return float(residual @ residual) if np.isfinite(residual).all() else np.inf
