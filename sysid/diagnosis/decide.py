@@ -15,6 +15,10 @@ NOISE_EFFECT = "coloured_noise"
 WHITE = np.ones(1)
 # How many candidates are fitted at all, in all their forms, and with the finest search.
 SCREENED, REFINED, POLISHED = 12, 6, 3
+# How many are tried in the place of one that was accepted before.
+EXCHANGED = 6
+# How many are fitted beside effects that were accepted before.
+FURTHER = 8
 # Two candidates are tied when their errors differ by less than so many standard errors.
 TIED = 2.0
 # A further effect must explain this share of what all effects explain, or it is a detail of the first.
@@ -86,8 +90,12 @@ class Search:
             best = found[0] if found else None
             if best is None or best.fit is None:
                 break
-            grown = best.fit
-            if not self._accepted(best, current, baseline, further):
+            chosen = self._first_accepted(found, current, baseline, further)
+            if chosen is not None and chosen.fit is not None:
+                grown = chosen.fit
+                found = (chosen, *(trial for trial in found if trial is not chosen))
+                trials = trials if further else found
+            else:
                 pair = self._with_another(best, current, baseline, len(fits))
                 if pair is None:
                     break
@@ -123,6 +131,7 @@ class Search:
         ranking = sorted(candidates, key=lambda e: -screen.statistics[e.name])
         # A family whose fits are cheap may ask for more of them than the screen would let through.
         count: int = getattr(self.structure, "screened", SCREENED)
+        count = min(count, FURTHER) if further else count
         trials = self._trials(current, ranking[:count], colour)
         left = [Trial(e.name, None, Noise(WHITE, 0.0, 0.0), np.inf, -np.inf) for e in ranking[count:]]
         return self._judged(current, [*trials, *left], screen, colour)
@@ -214,6 +223,19 @@ class Search:
         step = self._cost(current, Noise(WHITE, 0.0, 0.0)) - self._cost(trial.fit, Noise(WHITE, 0.0, 0.0))
         return step > LEAST_SHARE * whole
 
+    def _first_accepted(
+        self, trials: Sequence[Trial], current: StructureFit, baseline: StructureFit, further: bool
+    ) -> Trial | None:
+        """Return the best of the leading candidates on which all evidence agrees.
+
+        Where the best by the criterion does not hold on held-out rows, one that predicts them better may.
+        """
+        for trial in trials[:POLISHED]:
+            leads = trial is trials[0] or trial.validation < trials[0].validation
+            if trial.fit is not None and leads and self._accepted(trial, current, baseline, further):
+                return trial
+        return None
+
     def _with_another(
         self, best: Trial, current: StructureFit, baseline: StructureFit, n_before: int
     ) -> StructureFit | None:
@@ -258,7 +280,10 @@ class Search:
             others = tuple(c for i, c in enumerate(fit.choices) if i != position)
             noise = self._colour(fit)
             without = self.structure.fit(others, self.rows, noise.polynomial, fit, effort=0)
-            trials = self._trials(without, [e for e in self.candidates if e.name not in without.names], noise)
+            options = [e for e in self.candidates if e.name not in without.names]
+            statistics = self._screen(without, options, noise).statistics
+            options.sort(key=lambda e: -statistics[e.name])
+            trials = self._trials(without, options[:EXCHANGED], noise)
             if (
                 trials
                 and trials[0].fit is not None

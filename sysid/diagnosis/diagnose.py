@@ -9,11 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.data import Record
+from sysid.data.record import Mask
 from sysid.diagnosis.advice import advise
 from sysid.diagnosis.decide import NOISE_EFFECT, Search
 from sysid.diagnosis.decision import Decision, Trial
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
+from sysid.diagnosis.long_records import LONGEST, Portable, carried, rows_for_one, shortened, thinned
+from sysid.diagnosis.noise_colour import noise_of
 from sysid.diagnosis.scores import finite, nrmse_interval, score
 from sysid.diagnosis.structures import Choice, FittedParameter, Structure, StructureFit
 from sysid.errors import UsageError
@@ -148,6 +151,8 @@ class Diagnosis:
         Root mean square of what no model of the input explains, in the unit of the output.
     advice : str
     seconds : float
+    searched : Structure, optional
+        The structure on the rows of the search, where those of a long record are not all.
     """
 
     record: Record
@@ -158,6 +163,7 @@ class Diagnosis:
     noise_floor: float
     advice: str
     seconds: float
+    searched: Structure | None = None
 
     @property
     def verdict(self) -> str:
@@ -230,9 +236,10 @@ class Diagnosis:
         }
 
     def _ranked(self, trial: Trial) -> dict[str, Any]:
-        y = self.record.y[self.record.validation, 0]
+        structure = self.structure if self.searched is None else self.searched
+        y = structure.record.y[structure.record.validation, 0]
         spread = float(np.std(y)) or 1.0
-        fitted = None if trial.fit is None else self.structure.finish(trial.fit, trial.noise.polynomial)
+        fitted = None if trial.fit is None else structure.finish(trial.fit, trial.noise.polynomial)
         return {
             "effect": trial.name,
             "p_value": finite(trial.p_value),
@@ -343,20 +350,34 @@ def diagnose(
     """
     begun = time.perf_counter()
     _check(record, max_effects, alpha, accept)
-    structure = structure_of(record, model, order, initial_state, start, fixed)
+    long = int(record.learning.sum()) > LONGEST and not hasattr(model, "offered")
+    count = rows_for_one(record) if long and model != "linear" else 1
+    part, chosen = record, record.learning
+    if long:
+        part, chosen = thinned(record, count) if count > 1 else shortened(record)
+    structure = structure_of(part, model, order, initial_state, start, fixed)
     candidates = find_effects(effects if effects is not None else [e.name for e in _catalogue()])
     search = Search(
         structure, candidates, alpha=alpha, max_effects=max_effects, seed=seed, given=find_effects(add)
     )
     decision = search.decide()
     kept = _kept(decision, accept)
-    ladder, floor = _ladder(search, decision, kept)
+    estimates = [decision.baseline, *search.rungs_of(decision, kept)]
+    whole: Structure = structure
+    if long and isinstance(structure, Portable):
+        whole = structure.on(record)
+        estimates = [_on_all_rows(whole, fit, chosen) for fit in estimates]
+    ladder = _ladder(whole, decision, estimates, kept, count > 1)
     noise = NOISE_EFFECT in decision.accepted and accept != "none"
     accepted = (*kept, *([NOISE_EFFECT] if noise else []))
     advice = advise(structure, decision, accepted)
-    return Diagnosis(
-        record, structure, decision, accepted, ladder, floor, advice, time.perf_counter() - begun
-    )
+    seconds, searched = time.perf_counter() - begun, structure if long else None
+    return Diagnosis(record, whole, decision, accepted, ladder, decision.floor, advice, seconds, searched)
+
+
+def _on_all_rows(whole: Structure, fit: StructureFit, chosen: Mask) -> StructureFit:
+    """Return a fit to part of a record refitted on all its estimation rows."""
+    return whole.fit(fit.choices, whole.record.estimation, WHITE, carried(fit, chosen), effort=0)
 
 
 def structure_of(
@@ -416,15 +437,24 @@ def _kept(decision: Decision, accept: Callable[[str], bool] | str) -> tuple[str,
     return tuple(names) if accept == "auto" else tuple(name for name in names if name in given)
 
 
-def _ladder(search: Search, decision: Decision, kept: Sequence[str]) -> tuple[tuple[Rung, ...], float]:
-    """Refit each rung on estimation and validation rows, score it on validation and test rows."""
-    structure, record = search.structure, search.structure.record
-    noise = decision.noise.polynomial
-    estimates = [decision.baseline, *search.rungs_of(decision, kept)]
-    finals = [
-        structure.finish(structure.fit(fit.choices, record.learning, noise, fit, effort=0), noise)
-        for fit in estimates
-    ]
+def _ladder(
+    structure: Structure,
+    decision: Decision,
+    estimates: Sequence[StructureFit],
+    kept: Sequence[str],
+    thin: bool,
+) -> tuple[Rung, ...]:
+    """Refit each rung on estimation and validation rows, score it on validation and test rows.
+
+    The noise's memory from row to row is another where rows stood for several in the search: then the
+    free-run error itself is minimised.
+    """
+    record, noise = structure.record, WHITE if thin else decision.noise.polynomial
+    finals = []
+    for fit in estimates:
+        final = structure.fit(fit.choices, record.learning, noise, fit, effort=0)
+        own = noise_of(record.y[:, 0] - final.output, record.learning).polynomial if thin else noise
+        finals.append(structure.finish(final, own))
     floor = decision.floor
     y = record.y[record.validation, 0]
     errors = [float(np.mean((y - fit.output[record.validation]) ** 2)) for fit in estimates]
@@ -439,7 +469,7 @@ def _ladder(search: Search, decision: Decision, kept: Sequence[str]) -> tuple[tu
         effect = "" if step == 0 else kept[step - 1]
         removed = 0.0 if step == 0 else (errors[step - 1] - errors[step]) / explainable
         rungs.append(Rung(step, effect, DiagnosedModel(structure, final), scores, removed))
-    return tuple(rungs), floor
+    return tuple(rungs)
 
 
 def _score(record: Record, rows: Any, output: Floats) -> dict[str, Any]:

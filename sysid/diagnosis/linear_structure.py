@@ -76,6 +76,10 @@ class LinearStructure:
         self._data = lru_cache(maxsize=16)(self._make_data)
         self._baselines: dict[bytes, Floats] = {}
 
+    def on(self, record: Record) -> "LinearStructure":
+        """Return the same structure, of the same order, for another record."""
+        return LinearStructure(record, self.order, initial_state=self.initial_state)
+
     def offered(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
         """Return the effects that make sense for a linear difference equation, in the given order."""
         same = {"out_delay": "in_delay"}  # a linear model cannot tell them apart

@@ -73,6 +73,17 @@ class PhysicsStructure:
         self._hold_chosen = False
         self._use(plant)
 
+    def on(self, record: Record) -> "PhysicsStructure":
+        """Return the same structure for another record: its plant, held between samples as was chosen."""
+        other = PhysicsStructure.__new__(PhysicsStructure)
+        other.__dict__.update(self.__dict__)
+        other.record = record
+        if isinstance(self.plant, ForcedPlant):
+            other._use(ForcedPlant(self.model, record.period, self.plant.hold))
+        else:
+            other._use(GeneralPlant(self.model, record.period))
+        return other
+
     def offered(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
         """Return the effects that make sense for this model, in the given order.
 
