@@ -5,16 +5,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from sysid.data.record import Mask
 from sysid.diagnosis.decision import Decision, Trial
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.evidence import ScoreScreen, block_separation, orthonormal, remainder, score_screen
 from sysid.diagnosis.noise_colour import LARGEST_ORDER, Noise, noise_of
+from sysid.diagnosis.ranking import with_every_candidate
 from sysid.diagnosis.structures import Choice, Structure, StructureFit, filtered
 
 NOISE_EFFECT = "coloured_noise"
 WHITE = np.ones(1)
 # How many candidates are fitted at all, in all their forms, and with the finest search.
 SCREENED, REFINED, POLISHED = 12, 6, 3
+# How many are tried in the place of one that was accepted before.
+EXCHANGED = 6
 # Two candidates are tied when their errors differ by less than so many standard errors.
 TIED = 2.0
 # A further effect must explain this share of what all effects explain, or it is a detail of the first.
@@ -67,6 +71,20 @@ class Search:
 
     def decide(self) -> Decision:
         """Name what is missing."""
+        decision = self._decided()
+        return with_every_candidate(decision, self.names, self._memory(decision.baseline))
+
+    def _memory(self, baseline: StructureFit) -> Trial | None:
+        """Return the memory of the noise as a candidate beside the others."""
+        if NOISE_EFFECT not in self.names:
+            return None
+        noise, free_run = self._noise(baseline), self._held_out_error(baseline, WHITE)
+        innovation = self._held_out_error(baseline, noise.polynomial)
+        criterion = self._own_criterion(baseline)
+        p_value = self._memory_p_value(noise)
+        return Trial(NOISE_EFFECT, None, noise, criterion, noise.gain, p_value, free_run, innovation)
+
+    def _decided(self) -> Decision:
         baseline = self.structure.baseline(self.rows)
         if not baseline.restarts_agree:
             unknown = float("nan")
@@ -123,6 +141,7 @@ class Search:
         ranking = sorted(candidates, key=lambda e: -screen.statistics[e.name])
         # A family whose fits are cheap may ask for more of them than the screen would let through.
         count: int = getattr(self.structure, "screened", SCREENED)
+        count = min(count, SCREENED) if further else count
         trials = self._trials(current, ranking[:count], colour)
         left = [Trial(e.name, None, Noise(WHITE, 0.0, 0.0), np.inf, -np.inf) for e in ranking[count:]]
         return self._judged(current, [*trials, *left], screen, colour)
@@ -167,20 +186,21 @@ class Search:
         """Add p-values and held-out errors to the trials."""
         base = self._cost(self._refitted(current, colour), colour)
         costs = [self._cost(trial.fit, colour) for trial in trials if trial.fit is not None]
-        variance = min([base, *costs]) / int(self.rows.sum())
+        variance = min([base, *costs]) / max(int(self.rows.sum()) - current.n_parameters, 1)
         found = []
         for trial in trials:
             statistic = screen.statistics[trial.name]
             if trial.fit is None:
                 found.append(replace(trial, p_value=screen.p_value(statistic)))
                 continue
-            statistic = max(statistic, (base - self._cost(trial.fit, colour)) / variance)
+            ratio = (base - self._cost(trial.fit, colour)) / variance
+            by_fit = screen.fitted_p_value(ratio, trial.fit.n_parameters - current.n_parameters)
             own = self._noise(trial.fit)
             found.append(
                 replace(
                     trial,
                     noise=own,
-                    p_value=screen.p_value(statistic),
+                    p_value=min(screen.p_value(statistic), by_fit),
                     validation=self._held_out_error(trial.fit, WHITE),
                     innovation=self._held_out_error(trial.fit, own.polynomial),
                 )
@@ -258,7 +278,10 @@ class Search:
             others = tuple(c for i, c in enumerate(fit.choices) if i != position)
             noise = self._colour(fit)
             without = self.structure.fit(others, self.rows, noise.polynomial, fit, effort=0)
-            trials = self._trials(without, [e for e in self.candidates if e.name not in without.names], noise)
+            options = [e for e in self.candidates if e.name not in without.names]
+            statistics = self._screen(without, options, noise).statistics
+            options.sort(key=lambda e: -statistics[e.name])
+            trials = self._trials(without, options[:EXCHANGED], noise)
             if (
                 trials
                 and trials[0].fit is not None
@@ -340,12 +363,17 @@ class Search:
         trials: tuple[Trial, ...],
         tie: tuple[str, ...],
     ) -> Decision:
+        fits = self._polished(fits)
         final = fits[-1] if fits else baseline
         noise, given = self._noise(final), tuple(effect.name for effect in self.given)
-        left_p, left_share, floor = self._left(baseline, final)
+        left_p, left_share, floor = self._left(baseline, final, self.rows)
         accepted = self._order(fits)
         suspect = bool(fits) and noise.order > 0 and self._noise_accepted(final, noise)
-        chance, share = (SUSPECT_P_VALUE, SUSPECT_SHARE) if suspect else (LEFT_P_VALUE, LEFT_SHARE)
+        chance, share = LEFT_P_VALUE, LEFT_SHARE
+        if suspect:
+            # All rows that may be learnt from: a trace is weaker than what the search stopped at.
+            left_p, left_share, floor = self._left(baseline, final, self.structure.record.learning)
+            chance, share = SUSPECT_P_VALUE, SUSPECT_SHARE
         if left_p < chance and left_share > share:
             useful = left_share <= 1.0 - LEAST_EXPLAINED
             rungs = tuple(fits if useful else fits[: len(given)])
@@ -368,21 +396,35 @@ class Search:
             names += [name for name in fit.names if name not in names]
         return names
 
-    def _left(self, baseline: StructureFit, final: StructureFit) -> tuple[float, float, float]:
+    def _polished(self, fits: Sequence[StructureFit]) -> Sequence[StructureFit]:
+        """Refit the last model by its plain error where the noise seems to have a memory.
+
+        What was fitted under a colour leaves some error where that colour has weight.  If the memory
+        goes with the refit it was not the noise's.
+        """
+        if not fits or not self._noise_accepted(fits[-1], self._noise(fits[-1])):
+            return fits
+        plain = self.structure.fit(fits[-1].choices, self.rows, WHITE, fits[-1], effort=0)
+        remains = not np.isfinite(plain.cost) or self._noise_accepted(plain, self._noise(plain))
+        return fits if remains else [*fits[:-1], plain]
+
+    def _left(self, baseline: StructureFit, final: StructureFit, rows: Mask) -> tuple[float, float, float]:
         """Return whether anything is left to explain, what share of the explainable it is, and the floor."""
-        rows, residual = self.rows, self._residual(final)
+        residual = self._residual(final)
         tangent, probes = self.structure.tangent(final), self.structure.probes(final)
-        colour = self._colour(final, tangent, probes).polynomial
+        colour = self._colour(final, tangent, probes, rows).polynomial
         found = remainder(*(filtered(part, rows, colour) for part in (residual, tangent, probes)))
         p_value = found.p_value
         # What the probes follow may be slow noise: under the residual's own colour it must show, too.
-        plain = self._noise(final).polynomial
+        plain = noise_of(residual, rows).polynomial
         again = remainder(*(filtered(part, rows, plain) for part in (residual, tangent, probes)))
-        if final.choices or again.p_value >= SEEN_P_VALUE:
+        # Several effects and still a memory: more likely that of what they leave, which its own hides.
+        several = len(final.choices) > len(self.given) + 1 and plain.size > 1
+        if not several and (final.choices or again.p_value >= SEEN_P_VALUE):
             p_value = max(p_value, again.p_value)
-        own = Noise(colour, 1.0, 0.0)
-        whole = self._cost(final, own)
-        gained = max(self._cost(baseline, own) - whole, 0.0)
+        before, after = (filtered(self._residual(fit), rows, colour) for fit in (baseline, final))
+        whole = float(after @ after)
+        gained = max(float(before @ before) - whole, 0.0)
         floor = float(
             np.sqrt(np.mean(residual[rows] ** 2) * max(1.0 - found.explained / max(whole, 1e-300), 0.0))
         )
@@ -390,26 +432,34 @@ class Search:
 
     def _noise_accepted(self, fit: StructureFit, noise: Noise) -> bool:
         """Tell whether the residual's memory is real: on held-out rows it must lower the innovations."""
-        from scipy.special import gammaincc
-
-        p_value = float(
-            gammaincc(0.5 * noise.order, 0.5 * max(noise.gain + noise.order * np.log(self.rows.sum()), 0))
-        )
         plain = self._held_out_error(fit, WHITE)
         return (
-            LARGEST_ORDER * p_value < self.alpha
+            self._memory_p_value(noise) < self.alpha
             and noise.gain > 0
             and self._held_out_error(fit, noise.polynomial) < plain
         )
 
+    def _memory_p_value(self, noise: Noise) -> float:
+        """Return the chance that white noise seems to have as much memory, at any order."""
+        from scipy.special import gammaincc
+
+        if noise.order == 0:
+            return 1.0
+        ratio = max(noise.gain + noise.order * np.log(self.rows.sum()), 0.0)
+        return min(LARGEST_ORDER * float(gammaincc(0.5 * noise.order, 0.5 * ratio)), 1.0)
+
     def _colour(
-        self, fit: StructureFit, tangent: Floats | None = None, probes: Floats | None = None
+        self,
+        fit: StructureFit,
+        tangent: Floats | None = None,
+        probes: Floats | None = None,
+        rows: Mask | None = None,
     ) -> Noise:
         """Return the colour of what the probes leave of a residual.
 
         The residual's own autoregression would swallow a drift or a periodic remainder.
         """
-        rows, residual = self.rows, self._residual(fit)
+        rows, residual = self.rows if rows is None else rows, self._residual(fit)
         tangent = self.structure.tangent(fit) if tangent is None else tangent
         probes = self.structure.probes(fit) if probes is None else probes
         columns = orthonormal(np.hstack([tangent[rows], probes[rows]]))
