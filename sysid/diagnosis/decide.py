@@ -19,6 +19,8 @@ WHITE = np.ones(1)
 SCREENED, REFINED, POLISHED = 12, 6, 3
 # How many are tried in the place of one that was accepted before.
 EXCHANGED = 6
+# How many are fitted beside effects that were accepted before.
+FURTHER = 8
 # Two candidates are tied when their errors differ by less than so many standard errors.
 TIED = 2.0
 # A further effect must explain this share of what all effects explain, or it is a detail of the first.
@@ -141,7 +143,7 @@ class Search:
         ranking = sorted(candidates, key=lambda e: -screen.statistics[e.name])
         # A family whose fits are cheap may ask for more of them than the screen would let through.
         count: int = getattr(self.structure, "screened", SCREENED)
-        count = min(count, SCREENED) if further else count
+        count = min(count, FURTHER) if further else count
         trials = self._trials(current, ranking[:count], colour)
         left = [Trial(e.name, None, Noise(WHITE, 0.0, 0.0), np.inf, -np.inf) for e in ranking[count:]]
         return self._judged(current, [*trials, *left], screen, colour)
