@@ -6,6 +6,7 @@ from sysid.diagnosis.decide import NOISE_EFFECT
 from sysid.diagnosis.decision import Decision
 from sysid.diagnosis.experiment import Responding, separating_experiment
 from sysid.diagnosis.structures import Structure
+from sysid.diagnosis.wording import percent
 
 
 def advise(structure: Structure, decision: Decision, accepted: Sequence[str]) -> str:
@@ -17,11 +18,12 @@ def advise(structure: Structure, decision: Decision, accepted: Sequence[str]) ->
             "input."
         )
     if decision.verdict == "unexplained":
-        tried = ", ".join(decision.rejected) or "none of the candidates"
+        left = f"{percent(decision.left_share)} of the explainable error"
+        tried = " and ".join(decision.rejected)
+        closest = f"with {tried} {left} is left" if tried else f"{left} is left"
         return (
-            f"The model lacks something that no candidate explains ({tried} came closest, but "
-            f"{100 * decision.left_share:.2g} % of the explainable error is left): look at the free-form "
-            "curves of `sysid compare`, write the effect in TOML and give it with --effects-file."
+            f"The model lacks something that no candidate explains ({closest}): look at the free-form curves "
+            "at its ports, write the effect in TOML and give it with --effects-file."
         )
     if decision.verdict == "nothing-missing":
         return "Nothing is missing: what is left of the error is noise."

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +20,9 @@ from sysid.errors import UsageError
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from sysid.diagnosis.ports import PortCurve
+    from sysid.diagnosis.where import Finding
 
 WHITE = np.ones(1)
 MOST_EFFECTS = 3
@@ -170,6 +174,26 @@ class Diagnosis:
         """The model with all accepted effects."""
         return self.ladder[-1].model
 
+    @property
+    def judged(self) -> str:
+        """The set of rows that the sentences speak of: the first scored test set, or validation."""
+        scores = self.ladder[0].scores
+        return next((name for name in self.record.test_sets if name in scores), "validation")
+
+    @cached_property
+    def where(self) -> "tuple[Finding, ...]":
+        """Where the error of the baseline is concentrated, the clearest first."""
+        from sysid.diagnosis.shortfall import where_it_fails
+
+        return where_it_fails(self.record, self.baseline.output, self.judged)
+
+    @cached_property
+    def ports(self) -> "tuple[PortCurve, ...]":
+        """Free-form curves of what no candidate explains; none if there is no such thing."""
+        from sysid.diagnosis.shortfall import curves_at_ports
+
+        return curves_at_ports(self.structure) if self.verdict == "unexplained" else ()
+
     def add(self, *effects: str | Effect) -> DiagnosedModel:
         """Return the final model with further effects, to be fitted by ``.fit()``."""
         return self.final.add(*effects)
@@ -192,7 +216,8 @@ class Diagnosis:
                 "nrmse": finite(self.noise_floor / spread),
                 "method": "what neither the final model nor any probe of it explains",
             },
-            "where": [],
+            "where": [finding.to_json() for finding in self.where],
+            "ports": [port.to_json() for port in self.ports],
             "advice": self.advice,
             "left": {
                 "p_value": finite(self.decision.left_p_value),

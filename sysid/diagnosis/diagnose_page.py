@@ -5,7 +5,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.diagnosis.content import Content, Section, Table
-from sysid.diagnosis.figures import NARROW, WIDE, Picture
+from sysid.diagnosis.figures import (
+    NARROW,
+    WIDE,
+    Picture,
+    axis_label,
+    envelope,
+    legend,
+    line_look,
+    plain,
+    port_pictures,
+    seconds_of,
+)
 from sysid.diagnosis.wording import percent, quantity, significant
 from sysid.reporting.style import COLOURS, style, svg
 
@@ -38,38 +49,35 @@ def to_pdf(diagnosis: "Diagnosis", path: "Path") -> None:
 
 def content_of(diagnosis: "Diagnosis") -> Content:
     """Return what is shown of a diagnosis."""
-    judged = judged_set(diagnosis)
+    judged = diagnosis.judged
     final = diagnosis.final
+    sections = (
+        Section(
+            "The ladder",
+            ("The error of the free run with each effect that was added, down to the noise floor.",),
+            tables=(_ladder_table(diagnosis, judged),),
+            pictures=(_ladder_picture(diagnosis, judged), _runs_picture(diagnosis)),
+        ),
+        Section(
+            "Candidates",
+            (
+                "Each candidate alone in the model. The p-value is the chance that the best of all "
+                "candidates looks as good with nothing missing; the criterion is by how much the "
+                "Bayesian information criterion falls; the error is that of the free run on the "
+                "validation rows.",
+            ),
+            tables=(_candidates(diagnosis),),
+        ),
+        Section("Where the baseline fails", items=tuple(finding.sentence for finding in diagnosis.where)),
+        Section("What a static map could explain", pictures=tuple(port_pictures(diagnosis.ports))),
+        Section("The model", tuple(final.equation().split("\n")), tables=(_parameters(diagnosis),)),
+    )
     return Content(
         title=f"{diagnosis.record.name}: what the model {diagnosis.structure.name!r} lacks",
         judged=judged,
         sentences=tuple(diagnosis.sentences()),
-        sections=(
-            Section(
-                "The ladder",
-                ("The error of the free run with each effect that was added, down to the noise floor.",),
-                tables=(_ladder_table(diagnosis, judged),),
-                pictures=(_ladder_picture(diagnosis, judged),),
-            ),
-            Section(
-                "Candidates",
-                (
-                    "Each candidate alone in the model. The p-value is the chance that the best of all "
-                    "candidates looks as good with nothing missing; the criterion is by how much the "
-                    "Bayesian information criterion falls; the error is that of the free run on the "
-                    "validation rows.",
-                ),
-                tables=(_candidates(diagnosis),),
-            ),
-            Section("The model", tuple(final.equation().split("\n")), tables=(_parameters(diagnosis),)),
-        ),
+        sections=tuple(s for s in sections if s.paragraphs or s.items or s.tables or s.pictures),
     )
-
-
-def judged_set(diagnosis: "Diagnosis") -> str:
-    """Return the first test set with scores, or validation."""
-    scores = diagnosis.ladder[0].scores
-    return next((name for name in diagnosis.record.test_sets if name in scores), "validation")
 
 
 def _ladder_table(diagnosis: "Diagnosis", judged: str) -> Table:
@@ -133,6 +141,47 @@ def _ladder_picture(diagnosis: "Diagnosis", judged: str) -> Picture:
     fall = f"It falls to {percent(last / first)} of the baseline's." if first else ""
     reading = fall if len(diagnosis.ladder) > 1 else "Nothing was added."
     return Picture("Free-run error, rung by rung", reading, wide, narrow)
+
+
+def _runs_picture(diagnosis: "Diagnosis") -> Picture:
+    with style():
+        wide, narrow = (svg(_draw_runs(diagnosis, width)) for width in (WIDE, NARROW))
+    reading = "Below, what each free run misses; a fall to the noise leaves a band without a pattern."
+    return Picture(f"Measured and modelled on {diagnosis.judged}", reading, wide, narrow)
+
+
+def _draw_runs(diagnosis: "Diagnosis", width: float) -> Any:
+    from matplotlib.figure import Figure
+
+    record, judged = diagnosis.record, diagnosis.judged
+    chosen = record.validation if judged == "validation" else record.scored_rows(judged)
+    rows = np.flatnonzero(chosen)
+    first = next(part for part in record.slices if part.start <= rows[0] < part.stop)
+    rows = rows[rows < first.stop]
+    t, y = seconds_of(record, rows), record.y[rows, 0]
+    runs = {"baseline": diagnosis.baseline.output[rows]}
+    if len(diagnosis.ladder) > 1:
+        runs["final"] = diagnosis.final.output[rows]
+    figure = Figure(figsize=(width, 4.0), layout="constrained")
+    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    curves = {"measured": y} | runs
+    for index, (name, values) in enumerate(curves.items()):
+        top.plot(*_line(t, values), label=name, **line_look(index))
+    for index, (name, values) in enumerate(runs.items(), start=1):
+        bottom.plot(*_line(t, y - values), label=name, **line_look(index))
+    top.set_ylabel(axis_label(record, record.outputs[0]))
+    bottom.set_ylabel(f"error [{plain(record.unit(record.outputs[0])) or '–'}]")
+    bottom.set_xlabel("time [s]")
+    legend(top)
+    return figure
+
+
+def _line(t: Any, values: Any) -> tuple[Any, Any]:
+    """Return a curve, a long one thinned to its envelope drawn as one line."""
+    places, low, high = envelope(t, values)
+    if low is high:
+        return places, low
+    return np.repeat(places, 2), np.column_stack([low, high]).ravel()
 
 
 def _draw(diagnosis: "Diagnosis", judged: str, width: float) -> Any:

@@ -14,15 +14,18 @@ def sentences(diagnosis: "Diagnosis") -> list[str]:
     """Return what was found, the main thing first."""
     record, ladder = diagnosis.record, diagnosis.ladder
     unit = record.unit(record.outputs[0])
-    judged = next((name for name in record.test_sets if name in ladder[0].scores), "validation")
+    judged = diagnosis.judged
     found = [_headline(diagnosis)]
+    found += [f"{choice.effect.name}: {choice.effect.mechanism}" for choice in diagnosis.final.fitted.choices]
     for rung in ladder:
         found.append(_rung(rung, judged, unit))
     if np.isfinite(diagnosis.noise_floor):
         found.append(f"Noise floor: {quantity(diagnosis.noise_floor, unit)} RMSE; no model gets below it.")
     for rung in ladder[1:]:
         for p in rung.model.fitted.parameters_of(rung.effect) if rung is ladder[-1] else ():
-            found.append(f"{rung.effect}: {p.name} = {significant(p.value)} {p.unit}".rstrip())
+            spread = f" ± {significant(1.96 * p.std_error, 2)}" if np.isfinite(p.std_error) else ""
+            found.append(f"{rung.effect}: {p.name} = {significant(p.value)}{spread} {p.unit}".rstrip())
+    found += [port.sentence for port in diagnosis.ports[:1]]
     if diagnosis.advice:
         found.append(diagnosis.advice)
     return found
@@ -42,7 +45,7 @@ def _headline(diagnosis: "Diagnosis") -> str:
 
 def _rung(rung: "Rung", judged: str, unit: str) -> str:
     entry = rung.scores[judged]
-    what = f"with {rung.effect}" if rung.effect else "baseline"
+    what = f"With {rung.effect}" if rung.effect else "Baseline"
     if entry["rmse"] is None:
         return f"{what}: the free run on {judged} diverges"
     share = f", {percent(entry['nrmse'])} of the signal" if entry["nrmse"] is not None else ""

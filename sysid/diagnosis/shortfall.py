@@ -1,0 +1,65 @@
+"""Where a diagnosed model falls short, and free-form curves of what no candidate explains."""
+
+from typing import TYPE_CHECKING
+
+from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.series import judged_series
+from sysid.diagnosis.structures import Structure
+from sysid.diagnosis.where import Finding, locate
+from sysid.errors import SysidError
+
+if TYPE_CHECKING:
+    from sysid.data import Record
+    from sysid.diagnosis.ports import PortCurve
+
+
+def where_it_fails(record: "Record", free_run: Floats, judged: str) -> tuple[Finding, ...]:
+    """Return where the error of a free run is concentrated, tested over all looks together.
+
+    Parameters
+    ----------
+    record : Record
+    free_run : ndarray, shape (n_samples,)
+    judged : str
+        A test set or ``"validation"``.
+
+    Returns
+    -------
+    tuple of Finding
+    """
+    rows = record.validation if judged == "validation" else record.scored_rows(judged)
+    return locate(judged_series(record, judged, rows, free_run, delay=1)).findings
+
+
+def curves_at_ports(structure: Structure) -> "tuple[PortCurve, ...]":
+    """Fit a free-form curve at each port of the model without effects, what explains most first.
+
+    Models whose ports cannot be opened have none.
+
+    Parameters
+    ----------
+    structure : Structure
+        Of a linear or physical model.
+
+    Returns
+    -------
+    tuple of PortCurve
+    """
+    from sysid.diagnosis.linear_structure import LinearStructure
+    from sysid.diagnosis.physics_structure import PhysicsStructure
+    from sysid.diagnosis.ports import explore_ports
+    from sysid.linear import fit_output_error
+    from sysid.physics import fit_physics
+
+    record = structure.record
+    try:
+        if isinstance(structure, LinearStructure):
+            start = "estimate" if structure.free_start else "rest"
+            linear = fit_output_error(record, structure.order, initial_state=start)
+            return explore_ports(record, linear)
+        if isinstance(structure, PhysicsStructure):
+            start = "estimate" if structure.free_start else "rest"
+            return explore_ports(record, fit_physics(record, structure.model, initial_state=start))
+    except SysidError:
+        return ()
+    return ()
