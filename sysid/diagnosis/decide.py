@@ -18,8 +18,8 @@ NOISE_EFFECT = "coloured_noise"
 SCREENED, REFINED, POLISHED = 12, 6, 3
 # How many are tried in the place of one that was accepted before.
 EXCHANGED = 6
-# How many are fitted beside effects that were accepted before.
-FURTHER = 8
+# How many are fitted beside effects that were accepted before, in all forms, and finest.
+FURTHER, REFINED_BESIDE, POLISHED_BESIDE = 8, 4, 2
 # Two candidates are tied when their errors differ by less than so many standard errors.
 TIED = 2.0
 # A further effect must explain this share of what all effects explain, or it is a detail of the first.
@@ -148,9 +148,11 @@ class Search(Evidence):
     def _trials(self, current: StructureFit, candidates: Sequence[Effect], noise: Noise) -> list[Trial]:
         """Fit the candidates, the better ones with more care; return them best first."""
         found = {}
+        first = len(current.choices) == len(self.given)
+        refined, polished = (REFINED, POLISHED) if first else (REFINED_BESIDE, POLISHED_BESIDE)
         for effect in candidates:
             found[effect.name] = self._fitted(current, effect, effect.forms[:1], noise, 1)
-        for effort, count in ((1, REFINED), (2, POLISHED)):
+        for effort, count in ((1, refined), (2, polished)):
             leaders = sorted(found.values(), key=lambda t: t.criterion)[:count]
             for trial in leaders:
                 effect = next(e for e in candidates if e.name == trial.name)
@@ -172,7 +174,8 @@ class Search(Evidence):
                 continue
             choices = (*current.choices, Choice(effect, form))
             fit = self.structure.fit(choices, self.rows, noise.polynomial, current, effort=effort)
-            if not (np.isfinite(fit.cost) and np.isfinite(fit.output[self.rows | self.held_out]).all()):
+            # A free run that diverges under any input of the record is of no use.
+            if not (np.isfinite(fit.cost) and np.isfinite(fit.output).all()):
                 continue
             criterion = self._criterion(fit, noise)
             if criterion < best.criterion:

@@ -13,9 +13,9 @@ def with_every_candidate(decision: Decision, names: Sequence[str], memory: Trial
     """Return a decision whose trials name every candidate.
 
     The memory of the noise is a candidate like any other.  Its gain is not comparable with that of an
-    effect, because what an effect leaves out looks like memory, too: it comes first if it alone was
-    accepted, otherwise behind all that was accepted and all that explains more.  Candidates that were
-    not fitted come last, and those that make no sense for the model behind them, without numbers.
+    effect, because what an effect explains looks like memory without it: it comes first if it alone was
+    accepted, otherwise behind all that explain anything.  Candidates that were not fitted come last, and
+    those that make no sense for the model behind them, without numbers.
 
     Parameters
     ----------
@@ -32,8 +32,9 @@ def with_every_candidate(decision: Decision, names: Sequence[str], memory: Trial
     fitted = [trial for trial in decision.trials if trial.fit is not None]
     others = sorted((trial for trial in decision.trials if trial.fit is None), key=lambda t: t.p_value)
     if memory is not None:
-        place = sum(trial.name in decision.accepted or trial.gain > memory.gain for trial in fitted)
-        fitted.insert(0 if decision.accepted == (memory.name,) else place, memory)
+        place = sum(trial.gain > 0.0 for trial in fitted)
+        alone = decision.accepted == (memory.name,)
+        fitted.insert(0 if alone else place, memory)
     listed = {trial.name for trial in (*fitted, *others)} | set(decision.given)
     unfit = [
         Trial(name, None, Noise(np.ones(1), 0.0, 0.0), np.inf, -np.inf, np.nan)
