@@ -116,3 +116,24 @@ def test_wrong_assignments_end_in_one_sentence(options, message, capsys):
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+def test_a_nonlinear_physical_model_has_no_curves_and_the_page_says_why(tmp_path):
+    path = tmp_path / "bent.toml"
+    path.write_text(
+        'name = "bent"\ntitle = "Bent drain"\n[states]\nx = { unit = "m" }\n[inputs]\nu = { unit = "N" }\n'
+        "[outputs.y]\n"
+        'unit = "m"\nterms = { "level" = "x" }\n[[equations]]\nstate = "x"\nunit = "m/s"\n'
+        'terms = { "push" = "u", "drain" = "-a*x - b*x**3" }\n[parameters]\n'
+        'a = { unit = "1/s", start = 1.0 }\nb = { unit = "1/(m^2 s)", start = 0.1 }\n'
+    )
+    rng = np.random.default_rng(0)
+    u, y = rng.standard_normal(300), np.zeros(300)
+    for k in range(1, 300):
+        y[k] = y[k - 1] + 0.1 * (u[k - 1] - y[k - 1] - 0.2 * y[k - 1] ** 3)
+    y += 0.01 * rng.standard_normal(300)
+    comparison = compare(make_record(u, y, 0.1, split=np.repeat(["train", "test"], 150)), path)
+    assert comparison.ports == ()
+    (note,) = (warning for warning in comparison.warnings if "Free-form curves" in warning)
+    assert "not linear in state and input" in note
+    assert note in comparison.to_json()["warnings"]

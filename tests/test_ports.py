@@ -11,8 +11,10 @@ from sysid.data import make_record
 from sysid.diagnosis.ports import explore_ports
 from sysid.diagnosis.ports.loop import DEGREE, Loop
 from sysid.diagnosis.ports.plants import PORTS, plant_of
+from sysid.diagnosis.ports.reversals import change_at_reversal
 from sysid.diagnosis.ports.search import fit_baseline
 from sysid.diagnosis.ports.stretches import make_stretches
+from sysid.diagnosis.ports.uncertainty import Shape
 from sysid.errors import DataError, ModelError, UsageError
 from sysid.linear import fit_output_error, predict
 from sysid.nonlinearities import Spline
@@ -218,6 +220,79 @@ def test_the_band_covers_the_map_as_often_as_it_says(port, name, colour):
     assert np.median(shares) > 0.9
 
 
+def driven_cart(n=2400, period=0.01, seed=0):
+    """A mass of 1 kg with viscous and dry friction that follows a reference by a PD controller."""
+    rng = np.random.default_rng(seed)
+    reference = np.cumsum(np.repeat(rng.uniform(-0.4, 0.4, n // 80), 80)) * period
+    x, v, substeps = 0.0, 0.0, 10
+    h = period / substeps
+    u, y = np.empty(n), np.empty(n)
+    for k in range(n):
+        y[k] = x
+        u[k] = 60.0 * (reference[k] - x) - 8.0 * v + 0.3
+        for _ in range(substeps):
+            v += h * (u[k] - 0.3 - 2.0 * v)
+            v = np.sign(v) * max(abs(v) - 0.3 * h, 0.0)  # 0.3 N of dry friction, an implicit step
+            x += h * v
+    return make_record(u, y + 1e-5 * rng.standard_normal(n), period)
+
+
+def test_around_an_integrator_with_a_constant_the_missing_friction_is_found():
+    """There a constant in the output is the same as a start of the position: no step may follow it."""
+    record = driven_cart()
+    fit = fit_output_error(record, 2, delay=1, constant=True, initial_state="estimate")
+    curves = explore_ports(record, fit, ports=("output", "velocity"))
+    assert curves[0].port == "velocity"
+    assert curves[0].explains_at_most > 0.8
+
+
+@pytest.mark.parametrize("largest", [1.0, 2.0**0.5, 3.0])
+def test_only_a_force_that_changes_with_the_sign_is_said_to_do_so(largest):
+    """Drag, a cubic damper and a saturating one, each less its line, are smooth; friction is not."""
+    v = np.linspace(-largest, largest, 101)
+    density, spread = np.full(101, 0.5 / largest), np.full(101, 0.01)
+
+    def found(force):
+        return change_at_reversal(Shape(v, force - np.polyval(np.polyfit(v, force, 1), v), spread, density))
+
+    for smooth in (v * np.abs(v), -v * np.abs(v), v**3, np.tanh(v / largest), v**2, 0.0 * v):
+        assert found(smooth) is None
+    change, speed = found(np.tanh(40.0 * v / largest))
+    assert 0.8 < change < 2.0
+    assert speed == pytest.approx(0.25 * largest / np.sqrt(3.0), rel=0.02)
+    noisy = Shape(v, np.tanh(40.0 * v), np.full(101, 0.6), density)  # bands of 1.2 on both sides
+    assert change_at_reversal(noisy) is None
+
+
+def test_combinations_without_effect_are_left_out():
+    record = driven_cart(800)
+    fit = fit_output_error(record, 2, delay=1, constant=True, initial_state="estimate")
+    knots = np.linspace(-1.0, 1.0, 4)
+    loop, point = loop_at("input", fit, record, knots, np.zeros(6))
+    point[:2] = -1.9, 0.9  # poles 1 and 0.9: the constant does what an initial state does
+    n_free = loop.n_plant + loop.n_weights
+    others = np.delete(loop.jacobian(point), np.s_[loop.n_plant : n_free], axis=1)
+    values = np.linalg.svd(others / np.linalg.norm(others, axis=0), compute_uv=False)
+    assert values[-1] < 1e-13 * values[0] < values[-2]
+    assert loop._orthogonal_combinations(point).shape == (point.size, point.size - 1)
+
+
+def test_a_search_that_goes_nowhere_is_not_taken_for_a_finding(monkeypatch):
+    from sysid.diagnosis.ports import loop as problem
+    from sysid.separable.descent import descend
+
+    record, _ = simulate("position", "cubic stiffness", n=400)
+    fit = fit_output_error(record, 2)
+    monkeypatch.setattr(
+        problem, "descend", lambda *a, **options: descend(*a, **options | {"max_evaluations": 1})
+    )
+    (curve,) = explore_ports(record, fit, ports=("position",))
+    assert curve.explains_at_most == 0.0
+    assert "removes none" not in curve.sentence
+    assert "what it could remove is not known" in curve.sentence
+    assert curve.status == "the search found no curve that lowers the error on the rows it was fitted to"
+
+
 def test_the_same_record_gives_the_same_curves():
     record, _ = simulate("input", "saturation", n=500)
     fit = fit_output_error(record, 2)
@@ -339,6 +414,10 @@ def test_known_failures_of_real_records_show_at_their_ports():
     assert first.explains_at_most > 0.2
 
     stage = read_record("emps")
+    first = explore_ports(stage, fit_output_error(stage, 2, delay=1, constant=True))[0]
+    assert first.port == "velocity"
+    assert first.explains_at_most > 0.8
+    assert "where the velocity changes its sign" in first.sentence
     first = explore_ports(stage, fit_physics(stage, "positioning-stage"))[0]
     assert first.port == "velocity"
     assert first.explains_at_most > 0.9

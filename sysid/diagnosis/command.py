@@ -60,7 +60,8 @@ def add_model_arguments(parser: argparse.ArgumentParser) -> None:
         "--model",
         metavar="linear|NAME|FILE.toml|MODULE:CLASS",
         default="linear",
-        help="linear (default), a physical model that `sysid models` lists, or one of your own",
+        help="linear (default), state-space, hammerstein-<map> (as hammerstein-saturation), a physical model "
+        "that `sysid models` lists, or one of your own",
     )
     group.add_argument(
         "--order", metavar="N", type=int, help="order of the linear model (default: chosen from the data)"

@@ -10,11 +10,12 @@ from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.ports.loop import Loop
 from sysid.diagnosis.ports.plants import PORTS, Port, plant_of
+from sysid.diagnosis.ports.reversals import change_at_reversal
 from sysid.diagnosis.ports.search import PortFit, enough_rows, fit_baseline, fit_port
 from sysid.diagnosis.ports.stretches import make_stretches
-from sysid.diagnosis.ports.uncertainty import explained, judged_errors, shape_of
+from sysid.diagnosis.ports.uncertainty import Shape, explained, judged_errors, shape_of
 from sysid.diagnosis.scores import finite
-from sysid.diagnosis.wording import percent
+from sysid.diagnosis.wording import percent, quantity
 from sysid.errors import UsageError
 from sysid.linear.forms import Floats
 
@@ -27,6 +28,8 @@ BAND = 1.959963984540054  # 97.5 % quantile of the normal distribution
 NOTHING = 0.02
 # A coarser or another curve is shown instead if it removes so much more of the judged error.
 CLEARLY_MORE = 0.05
+# A map takes more off the error it is fitted to even by chance: a search that ends with less went nowhere.
+NO_PROGRESS = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,9 +221,15 @@ def _curve(record: Record, port: Port, baseline: tuple[Loop, Floats], fits: list
         upper=shape.centre + BAND * shape.spread,
         density=shape.density,
         knots=fit.loop.knots,
-        status=_status(fit),
-        sentence=_sentence(port, share, interval[0]),
+        status=_status(fit, moved := _improves(fit, baseline)),
+        sentence=_sentence(port, share, interval[0], shape) if moved else _nothing_found(port),
     )
+
+
+def _improves(fit: PortFit, baseline: tuple[Loop, Floats]) -> bool:
+    """Tell whether the map lowers the error on the very rows it was fitted to."""
+    alone, point = baseline
+    return fit.loop.error(fit.point) < (1.0 - NO_PROGRESS) * alone.error(point)
 
 
 def _best_judged(
@@ -234,20 +243,37 @@ def _best_judged(
     return fits[chosen], *judged[chosen]
 
 
-def _status(fit: PortFit) -> str:
+def _status(fit: PortFit, moved: bool) -> str:
+    if not moved:
+        return "the search found no curve that lowers the error on the rows it was fitted to"
     if fit.converged:
         return "the fit converged"
     return "the fit stopped before it converged: a better curve may exist"
 
 
-def _sentence(port: Port, share: float, lowest: float) -> str:
-    place = {
-        "input": f"A static curve at the input {port.quantity}",
-        "output": "A static curve at the output",
-        "position": f"A force that depends on the position ({port.quantity})",
-        "velocity": f"A force that depends on the velocity ({port.quantity})",
+def _place(port: Port) -> str:
+    return {
+        "input": f"static curve at the input {port.quantity}",
+        "output": "static curve at the output",
+        "position": f"force that depends on the position ({port.quantity})",
+        "velocity": f"force that depends on the velocity ({port.quantity})",
     }[port.kind]
+
+
+def _nothing_found(port: Port) -> str:
+    return (
+        f"No {_place(port)} was found that lowers the error even on the rows it was fitted to: "
+        "what it could remove is not known."
+    )
+
+
+def _sentence(port: Port, share: float, lowest: float, shape: Shape) -> str:
+    place = f"A {_place(port)}"
     if share < NOTHING:
         return f"{place} removes none of the error."
     chance = ", which may be chance" if lowest <= 0.0 else ""
-    return f"{place} removes at most {percent(share)} of the error{chance}."
+    text = f"{place} removes at most {percent(share)} of the error{chance}."
+    if port.kind == "velocity" and not chance and (found := change_at_reversal(shape)) is not None:
+        change, speed = quantity(found[0], port.value_unit), quantity(found[1], port.unit)
+        text += f" It changes by {change} where the velocity changes its sign (within ±{speed})."
+    return text

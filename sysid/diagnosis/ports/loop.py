@@ -20,6 +20,8 @@ DIVERGENCE = 1e3
 OPENING_EVALUATIONS = 40
 # Combinations of the plant's parameters count as dependent below this relative effect.
 DEPENDENT = 1e-6
+# Below this one a combination has no effect but rounding, of which no step may be made.
+ROUNDING = 1e-11
 
 
 @dataclass(frozen=True)
@@ -212,7 +214,8 @@ class Loop:
         """Search from a point; None if the run diverges there.
 
         Near an integrator the parameters of a black box and initial states are all but dependent, and
-        damping would hold back just the combinations that matter: orthogonal ones are searched.
+        damping would hold back just the combinations that matter: orthogonal ones are searched, and
+        one without any effect, as that of a constant with the state of an integrator, is left out.
         """
         if not np.isfinite(self.residual(start)).all():
             return None
@@ -221,7 +224,7 @@ class Loop:
             lambda x: Residual(
                 self.residual(start + shape @ x), lambda: self.jacobian(start + shape @ x) @ shape
             ),
-            np.zeros(start.size),
+            np.zeros(shape.shape[1]),
             negligible=NEGLIGIBLE,
             max_evaluations=evaluations,
         )
@@ -250,7 +253,9 @@ class Loop:
         shape = np.eye(point.size)
         size = np.maximum(values, DEPENDENT * values[0])
         shape[np.ix_(own, own)] = right.T / size / scale[:, np.newaxis]
-        return shape
+        kept = np.ones(point.size, dtype=bool)
+        kept[own] = values > ROUNDING * values[0]
+        return shape[:, kept]
 
     def error(self, point: Floats) -> float:
         """Return the sum of squared errors on the fitted rows, the prior left out."""
