@@ -134,7 +134,8 @@ class Search(Evidence):
         if not candidates:
             return ()
         colour = self._colour(current)
-        screen = self._screen(current, candidates, colour)
+        # Scores are those of the best fit only under the colour by which they are weighted.
+        screen = self._screen(self._refitted(current, colour), candidates, colour)
         if further and screen.p_value(max(screen.statistics.values())) >= self.alpha:
             return ()  # the residual holds no structure any more
         ranking = sorted(candidates, key=lambda e: -screen.statistics[e.name])
@@ -174,8 +175,7 @@ class Search(Evidence):
                 continue
             choices = (*current.choices, Choice(effect, form))
             fit = self.structure.fit(choices, self.rows, noise.polynomial, current, effort=effort)
-            # A free run that diverges under any input of the record is of no use.
-            if not (np.isfinite(fit.cost) and np.isfinite(fit.output).all()):
+            if not _usable(fit):
                 continue
             criterion = self._criterion(fit, noise)
             if criterion < best.criterion:
@@ -306,7 +306,7 @@ class Search(Evidence):
                 )
                 for left in fit.choices[n_given:]
             ]
-            criteria = [self._criterion(other, noise) for other in smaller]
+            criteria = [self._criterion(other, noise) if _usable(other) else np.inf for other in smaller]
             best = smaller[int(np.argmin(criteria))]
             if min(criteria) > self._criterion(fit, noise):
                 break
@@ -409,3 +409,8 @@ class Search(Evidence):
         plain = self.structure.fit(fits[-1].choices, self.rows, WHITE, fits[-1], effort=0)
         remains = not np.isfinite(plain.cost) or self._noise_accepted(plain, self._noise(plain))
         return fits if remains else [*fits[:-1], plain]
+
+
+def _usable(fit: StructureFit) -> bool:
+    """Tell whether a free run diverges under no input of the record."""
+    return bool(np.isfinite(fit.cost) and np.isfinite(fit.output).all())

@@ -33,9 +33,15 @@ class Evidence:
 
     def _left(self, baseline: StructureFit, final: StructureFit, rows: Mask) -> tuple[float, float, float]:
         """Return whether anything is left to explain, what share of the explainable it is, and the floor."""
-        residual = self._residual(final)
         tangent, probes = self.structure.tangent(final), self.structure.probes(final)
-        colour = self._colour(final, tangent, probes, rows).polynomial
+        noise = self._colour(final, tangent, probes, rows)
+        weighted = self._refitted(final, noise)
+        if weighted is not final and np.isfinite(weighted.cost):
+            # Far from the best fit under this colour, what its parameters could follow seems to be left.
+            final = weighted
+            tangent, probes = self.structure.tangent(final), self.structure.probes(final)
+            noise = self._colour(final, tangent, probes, rows)
+        residual, colour = self._residual(final), noise.polynomial
         found = remainder(*(filtered(part, rows, colour) for part in (residual, tangent, probes)))
         p_value = found.p_value
         # What the probes follow may be slow noise: under the residual's own colour it must show, too.
