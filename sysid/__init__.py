@@ -20,6 +20,7 @@ _PUBLIC = {
     "correlation_method": "sysid.hammerstein",
     "diagnose": "sysid.diagnosis.diagnose",
     "fit_hammerstein": "sysid.linear",
+    "fit_local_linear": "sysid.local_linear",
     "fit_output_error": "sysid.linear",
     "fit_physics": "sysid.physics",
     "identify_levels": "sysid.recursive",
