@@ -152,7 +152,10 @@ class Search(Evidence):
         first = len(current.choices) == len(self.given)
         refined, polished = (REFINED, POLISHED) if first else (REFINED_BESIDE, POLISHED_BESIDE)
         for effect in candidates:
-            found[effect.name] = self._fitted(current, effect, effect.forms[:1], noise, 1)
+            # Half-wave and full-wave are different effects; a two-sided form is a refinement.
+            size = len(effect.forms[0].parameters)
+            simple = [form for form in effect.forms if len(form.parameters) <= size]
+            found[effect.name] = self._fitted(current, effect, simple, noise, 1)
         for effort, count in ((1, refined), (2, polished)):
             leaders = sorted(found.values(), key=lambda t: t.criterion)[:count]
             for trial in leaders:
