@@ -7,18 +7,19 @@ import numpy as np
 
 from sysid.diagnosis.decision import Decision, Trial
 from sysid.diagnosis.effects.base import Effect, Floats
-from sysid.diagnosis.evidence import ScoreScreen, block_separation, orthonormal, remainder, score_screen
-from sysid.diagnosis.noise_colour import LARGEST_ORDER, Noise, noise_of
+from sysid.diagnosis.evidence import ScoreScreen, block_separation, score_screen
+from sysid.diagnosis.noise_colour import Noise
+from sysid.diagnosis.ranking import with_every_candidate
+from sysid.diagnosis.residual_evidence import WHITE, Evidence
 from sysid.diagnosis.structures import Choice, Structure, StructureFit, filtered
 
 NOISE_EFFECT = "coloured_noise"
-WHITE = np.ones(1)
 # How many candidates are fitted at all, in all their forms, and with the finest search.
 SCREENED, REFINED, POLISHED = 12, 6, 3
 # How many are tried in the place of one that was accepted before.
 EXCHANGED = 6
-# How many are fitted beside effects that were accepted before.
-FURTHER = 8
+# How many are fitted beside effects that were accepted before, in all forms, and finest.
+FURTHER, REFINED_BESIDE, POLISHED_BESIDE = 8, 4, 2
 # Two candidates are tied when their errors differ by less than so many standard errors.
 TIED = 2.0
 # A further effect must explain this share of what all effects explain, or it is a detail of the first.
@@ -27,13 +28,12 @@ LEAST_SHARE = 0.01
 LEFT_P_VALUE = 1e-5
 # Noise that is coloured beside an effect is a trace of something else if the probes find this.
 SUSPECT_P_VALUE = 3e-3
-SEEN_P_VALUE = 1e-2
 LEFT_SHARE, SUSPECT_SHARE = 0.01, 0.004
 # Effects stay accepted beside something unexplained if they leave at most this share of the explainable.
 LEAST_EXPLAINED = 0.9
 
 
-class Search:
+class Search(Evidence):
     """The search for missing effects in one record.
 
     Parameters
@@ -59,18 +59,31 @@ class Search:
         seed: int = 0,
         given: Sequence[Effect] = (),
     ) -> None:
-        self.structure, self.alpha, self.max_effects, self.seed = structure, alpha, max_effects, seed
-        self.names = [effect.name for effect in effects]
         self.given = structure.offered(given)
+        super().__init__(structure, alpha, len(self.given))
+        self.max_effects, self.seed = max_effects, seed
+        self.names = [effect.name for effect in effects]
         given_names = [effect.name for effect in self.given]
         self.candidates = [
             e for e in structure.offered(effects) if e.port != "noise" and e.name not in given_names
         ]
-        self.rows, self.held_out = structure.record.estimation, structure.record.validation
-        self.y = structure.record.y[:, 0]
 
     def decide(self) -> Decision:
         """Name what is missing."""
+        decision = self._decided()
+        return with_every_candidate(decision, self.names, self._memory(decision.baseline))
+
+    def _memory(self, baseline: StructureFit) -> Trial | None:
+        """Return the memory of the noise as a candidate beside the others."""
+        if NOISE_EFFECT not in self.names:
+            return None
+        noise, free_run = self._noise(baseline), self._held_out_error(baseline, WHITE)
+        innovation = self._held_out_error(baseline, noise.polynomial)
+        criterion = self._own_criterion(baseline)
+        p_value = self._memory_p_value(noise)
+        return Trial(NOISE_EFFECT, None, noise, criterion, noise.gain, p_value, free_run, innovation)
+
+    def _decided(self) -> Decision:
         baseline = self.structure.baseline(self.rows)
         if not baseline.restarts_agree:
             unknown = float("nan")
@@ -125,7 +138,8 @@ class Search:
         if not candidates:
             return ()
         colour = self._colour(current)
-        screen = self._screen(current, candidates, colour)
+        # Scores are those of the best fit only under the colour by which they are weighted.
+        screen = self._screen(self._refitted(current, colour), candidates, colour)
         if further and screen.p_value(max(screen.statistics.values())) >= self.alpha:
             return ()  # the residual holds no structure any more
         ranking = sorted(candidates, key=lambda e: -screen.statistics[e.name])
@@ -139,9 +153,14 @@ class Search:
     def _trials(self, current: StructureFit, candidates: Sequence[Effect], noise: Noise) -> list[Trial]:
         """Fit the candidates, the better ones with more care; return them best first."""
         found = {}
+        first = len(current.choices) == len(self.given)
+        refined, polished = (REFINED, POLISHED) if first else (REFINED_BESIDE, POLISHED_BESIDE)
         for effect in candidates:
-            found[effect.name] = self._fitted(current, effect, effect.forms[:1], noise, 1)
-        for effort, count in ((1, REFINED), (2, POLISHED)):
+            # Half-wave and full-wave are different effects; a two-sided form is a refinement.
+            size = len(effect.forms[0].parameters)
+            simple = [form for form in effect.forms if len(form.parameters) <= size]
+            found[effect.name] = self._fitted(current, effect, simple, noise, 1)
+        for effort, count in ((1, refined), (2, polished)):
             leaders = sorted(found.values(), key=lambda t: t.criterion)[:count]
             for trial in leaders:
                 effect = next(e for e in candidates if e.name == trial.name)
@@ -163,7 +182,7 @@ class Search:
                 continue
             choices = (*current.choices, Choice(effect, form))
             fit = self.structure.fit(choices, self.rows, noise.polynomial, current, effort=effort)
-            if not (np.isfinite(fit.cost) and np.isfinite(fit.output[self.rows | self.held_out]).all()):
+            if not _usable(fit):
                 continue
             criterion = self._criterion(fit, noise)
             if criterion < best.criterion:
@@ -176,20 +195,21 @@ class Search:
         """Add p-values and held-out errors to the trials."""
         base = self._cost(self._refitted(current, colour), colour)
         costs = [self._cost(trial.fit, colour) for trial in trials if trial.fit is not None]
-        variance = min([base, *costs]) / int(self.rows.sum())
+        variance = min([base, *costs]) / max(int(self.rows.sum()) - current.n_parameters, 1)
         found = []
         for trial in trials:
             statistic = screen.statistics[trial.name]
             if trial.fit is None:
                 found.append(replace(trial, p_value=screen.p_value(statistic)))
                 continue
-            statistic = max(statistic, (base - self._cost(trial.fit, colour)) / variance)
+            ratio = (base - self._cost(trial.fit, colour)) / variance
+            by_fit = screen.fitted_p_value(ratio, trial.fit.n_parameters - current.n_parameters)
             own = self._noise(trial.fit)
             found.append(
                 replace(
                     trial,
                     noise=own,
-                    p_value=screen.p_value(statistic),
+                    p_value=min(screen.p_value(statistic), by_fit),
                     validation=self._held_out_error(trial.fit, WHITE),
                     innovation=self._held_out_error(trial.fit, own.polynomial),
                 )
@@ -306,7 +326,7 @@ class Search:
                 )
                 for left in fit.choices[n_given:]
             ]
-            criteria = [self._criterion(other, noise) for other in smaller]
+            criteria = [self._criterion(other, noise) if _usable(other) else np.inf for other in smaller]
             best = smaller[int(np.argmin(criteria))]
             if min(criteria) > self._criterion(fit, noise):
                 break
@@ -365,12 +385,17 @@ class Search:
         trials: tuple[Trial, ...],
         tie: tuple[str, ...],
     ) -> Decision:
+        fits = self._polished(fits)
         final = fits[-1] if fits else baseline
         noise, given = self._noise(final), tuple(effect.name for effect in self.given)
-        left_p, left_share, floor = self._left(baseline, final)
+        left_p, left_share, floor = self._left(baseline, final, self.rows)
         accepted = self._order(fits)
         suspect = bool(fits) and noise.order > 0 and self._noise_accepted(final, noise)
-        chance, share = (SUSPECT_P_VALUE, SUSPECT_SHARE) if suspect else (LEFT_P_VALUE, LEFT_SHARE)
+        chance, share = LEFT_P_VALUE, LEFT_SHARE
+        if suspect:
+            # All rows that may be learnt from: a trace is weaker than what the search stopped at.
+            left_p, left_share, floor = self._left(baseline, final, self.structure.record.learning)
+            chance, share = SUSPECT_P_VALUE, SUSPECT_SHARE
         if left_p < chance and left_share > share:
             useful = left_share <= 1.0 - LEAST_EXPLAINED
             rungs = tuple(fits if useful else fits[: len(given)])
@@ -393,92 +418,19 @@ class Search:
             names += [name for name in fit.names if name not in names]
         return names
 
-    def _left(self, baseline: StructureFit, final: StructureFit) -> tuple[float, float, float]:
-        """Return whether anything is left to explain, what share of the explainable it is, and the floor."""
-        rows, residual = self.rows, self._residual(final)
-        tangent, probes = self.structure.tangent(final), self.structure.probes(final)
-        colour = self._colour(final, tangent, probes).polynomial
-        found = remainder(*(filtered(part, rows, colour) for part in (residual, tangent, probes)))
-        p_value = found.p_value
-        # What the probes follow may be slow noise: under the residual's own colour it must show, too.
-        plain = self._noise(final).polynomial
-        again = remainder(*(filtered(part, rows, plain) for part in (residual, tangent, probes)))
-        if final.choices or again.p_value >= SEEN_P_VALUE:
-            p_value = max(p_value, again.p_value)
-        own = Noise(colour, 1.0, 0.0)
-        whole = self._cost(final, own)
-        gained = max(self._cost(baseline, own) - whole, 0.0)
-        floor = float(
-            np.sqrt(np.mean(residual[rows] ** 2) * max(1.0 - found.explained / max(whole, 1e-300), 0.0))
-        )
-        return p_value, found.explained / max(found.explained + gained, 1e-300), floor
+    def _polished(self, fits: Sequence[StructureFit]) -> Sequence[StructureFit]:
+        """Refit the last model by its plain error where the noise seems to have a memory.
 
-    def _noise_accepted(self, fit: StructureFit, noise: Noise) -> bool:
-        """Tell whether the residual's memory is real: on held-out rows it must lower the innovations."""
-        from scipy.special import gammaincc
-
-        p_value = float(
-            gammaincc(0.5 * noise.order, 0.5 * max(noise.gain + noise.order * np.log(self.rows.sum()), 0))
-        )
-        plain = self._held_out_error(fit, WHITE)
-        return (
-            LARGEST_ORDER * p_value < self.alpha
-            and noise.gain > 0
-            and self._held_out_error(fit, noise.polynomial) < plain
-        )
-
-    def _colour(
-        self, fit: StructureFit, tangent: Floats | None = None, probes: Floats | None = None
-    ) -> Noise:
-        """Return the colour of what the probes leave of a residual.
-
-        The residual's own autoregression would swallow a drift or a periodic remainder.
+        What was fitted under a colour leaves some error where that colour has weight.  If the memory
+        goes with the refit it was not the noise's.
         """
-        rows, residual = self.rows, self._residual(fit)
-        tangent = self.structure.tangent(fit) if tangent is None else tangent
-        probes = self.structure.probes(fit) if probes is None else probes
-        columns = orthonormal(np.hstack([tangent[rows], probes[rows]]))
-        rest = np.zeros(residual.size)
-        rest[rows] = residual[rows] - columns @ (columns.T @ residual[rows])
-        found = noise_of(rest, rows)
-        if found.order:
-            # Plain least squares takes slow noise for a trend: once more with the colour found so far.
-            whole = np.zeros((residual.size, columns.shape[1]))
-            whole[rows] = columns
-            basis, target = (filtered(part, rows, found.polynomial) for part in (whole, residual))
-            weights = np.linalg.lstsq(basis, target, rcond=None)[0]
-            rest[rows] = residual[rows] - columns @ weights
-            found = noise_of(rest, rows)
-        left = max(int(rows.sum()) - columns.shape[1], 1)
-        return replace(found, variance=found.variance * int(rows.sum()) / left)
+        if not fits or not self._noise_accepted(fits[-1], self._noise(fits[-1])):
+            return fits
+        plain = self.structure.fit(fits[-1].choices, self.rows, WHITE, fits[-1], effort=0)
+        remains = not np.isfinite(plain.cost) or self._noise_accepted(plain, self._noise(plain))
+        return fits if remains else [*fits[:-1], plain]
 
-    def _refitted(self, fit: StructureFit, noise: Noise) -> StructureFit:
-        if noise.order == 0:
-            return fit
-        return self.structure.fit(fit.choices, self.rows, noise.polynomial, fit, effort=0)
 
-    def _residual(self, fit: StructureFit) -> Floats:
-        with np.errstate(invalid="ignore"):
-            return np.where(np.isfinite(self.y) & np.isfinite(fit.output), self.y - fit.output, 0.0)
-
-    def _noise(self, fit: StructureFit) -> Noise:
-        return noise_of(self._residual(fit), self.rows)
-
-    def _cost(self, fit: StructureFit, noise: Noise) -> float:
-        error = filtered(self._residual(fit), self.rows, noise.polynomial)
-        return float(error @ error)
-
-    def _criterion(self, fit: StructureFit, noise: Noise) -> float:
-        """Return the information criterion of a fit under a given colour of the noise."""
-        n = int(self.rows.sum())
-        return float(n * np.log(max(self._cost(fit, noise) / n, 1e-300)) + fit.n_parameters * np.log(n))
-
-    def _own_criterion(self, fit: StructureFit) -> float:
-        """Return the information criterion of a fit with the noise model of its own residual."""
-        noise, n = self._noise(fit), int(self.rows.sum())
-        count = fit.n_parameters + noise.order
-        return float(n * np.log(max(noise.variance, 1e-300)) + count * np.log(n))
-
-    def _held_out_error(self, fit: StructureFit, noise: Floats) -> float:
-        error = filtered(self._residual(fit), self.held_out, noise)
-        return float(np.sqrt(np.mean(error**2))) if error.size else np.inf
+def _usable(fit: StructureFit) -> bool:
+    """Tell whether a free run diverges under no input of the record."""
+    return bool(np.isfinite(fit.cost) and np.isfinite(fit.output).all())

@@ -295,8 +295,9 @@ def diagnose(
 ) -> Diagnosis:
     """Learn which physical effect a model lacks, and add it.
 
-    Candidates are fitted on estimation rows and must hold on validation rows; the accepted model is
-    refitted on both, and only then run over the test rows.
+    Candidates are fitted on estimation rows and must hold on validation rows; their free run must not
+    diverge under the input of any row.  The accepted model is refitted on both, and only then judged on
+    the test rows.
 
     Parameters
     ----------

@@ -22,15 +22,37 @@ class ScoreScreen:
         Largest score of each effect over its grid, in units of the noise variance.
     null : ndarray, shape (n_replicates,)
         Largest score over all effects and grids in simulated records with nothing missing, sorted.
+    n_points : int
+        Points of all grids.
     """
 
     statistics: dict[str, float]
     null: Floats
+    n_points: int = 1
 
     def p_value(self, statistic: float) -> float:
         """Return the chance that the largest of all scores is as large without anything missing."""
         larger = self.null.size - int(np.searchsorted(self.null, statistic))
         return (1 + larger) / (1 + self.null.size)
+
+    def fitted_p_value(self, ratio: float, n_parameters: int) -> float:
+        """Return a bound on the chance that the best fit of all lowers the cost as much.
+
+        A fit may leave the grid: the largest score over the grid understates what it gains by chance.
+        Near each point of a grid it gains as much as a linear model with as many parameters, so the
+        sum of their chances bounds that of the largest, as does the fineness of the simulation.
+
+        Parameters
+        ----------
+        ratio : float
+            How much the cost falls, in units of the noise variance.
+        n_parameters : int
+            Parameters of the effect, its shape included.
+        """
+        from scipy.special import gammaincc
+
+        chance = self.n_points * float(gammaincc(0.5 * max(n_parameters, 1), 0.5 * max(ratio, 0.0)))
+        return min(max(chance, 1.0 / (1 + self.null.size)), 1.0)
 
 
 def score_screen(
@@ -85,7 +107,7 @@ def score_screen(
     root = vectors[:, kept] * np.sqrt(eigenvalues[kept])
     drawn = root @ rng.standard_normal((int(kept.sum()), REPLICATES))
     null = np.add.reduceat(drawn**2, edges, axis=0).max(axis=0)
-    return ScoreScreen(statistics, np.sort(null))
+    return ScoreScreen(statistics, np.sort(null), len(bases))
 
 
 def orthonormal(columns: Floats, without: Floats | None = None) -> Floats:

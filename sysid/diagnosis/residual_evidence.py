@@ -1,0 +1,138 @@
+"""What the residuals of one record say: errors, criteria, the colour of the noise, what is left."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.data.record import Mask
+from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.evidence import orthonormal, remainder
+from sysid.diagnosis.noise_colour import LARGEST_ORDER, Noise, noise_of
+from sysid.diagnosis.structures import Structure, StructureFit, filtered
+
+WHITE = np.ones(1)
+SEEN_P_VALUE = 1e-2
+
+
+class Evidence:
+    """Judges fits of a structure by their residuals on one record.
+
+    Parameters
+    ----------
+    structure : Structure
+    alpha : float
+        Largest chance of taking white noise for noise with a memory.
+    n_given : int
+        Effects that are in the model whatever the evidence.
+    """
+
+    def __init__(self, structure: Structure, alpha: float, n_given: int = 0) -> None:
+        self.structure, self.alpha, self.n_given = structure, alpha, n_given
+        self.rows, self.held_out = structure.record.estimation, structure.record.validation
+        self.y = structure.record.y[:, 0]
+
+    def _left(self, baseline: StructureFit, final: StructureFit, rows: Mask) -> tuple[float, float, float]:
+        """Return whether anything is left to explain, what share of the explainable it is, and the floor."""
+        tangent, probes = self.structure.tangent(final), self.structure.probes(final)
+        noise = self._colour(final, tangent, probes, rows)
+        weighted = self._refitted(final, noise)
+        if weighted is not final and np.isfinite(weighted.cost):
+            # Far from the best fit under this colour, what its parameters could follow seems to be left.
+            final = weighted
+            tangent, probes = self.structure.tangent(final), self.structure.probes(final)
+            noise = self._colour(final, tangent, probes, rows)
+        residual, colour = self._residual(final), noise.polynomial
+        found = remainder(*(filtered(part, rows, colour) for part in (residual, tangent, probes)))
+        p_value = found.p_value
+        # What the probes follow may be slow noise: under the residual's own colour it must show, too.
+        plain = noise_of(residual, rows).polynomial
+        again = remainder(*(filtered(part, rows, plain) for part in (residual, tangent, probes)))
+        # Several effects and still a memory: more likely that of what they leave, which its own hides.
+        several = len(final.choices) > self.n_given + 1 and plain.size > 1
+        if not several and (final.choices or again.p_value >= SEEN_P_VALUE):
+            p_value = max(p_value, again.p_value)
+        before, after = (filtered(self._residual(fit), rows, colour) for fit in (baseline, final))
+        whole = float(after @ after)
+        gained = max(float(before @ before) - whole, 0.0)
+        floor = float(
+            np.sqrt(np.mean(residual[rows] ** 2) * max(1.0 - found.explained / max(whole, 1e-300), 0.0))
+        )
+        return p_value, found.explained / max(found.explained + gained, 1e-300), floor
+
+    def _noise_accepted(self, fit: StructureFit, noise: Noise) -> bool:
+        """Tell whether the residual's memory is real: on held-out rows it must lower the innovations."""
+        plain = self._held_out_error(fit, WHITE)
+        return (
+            self._memory_p_value(noise) < self.alpha
+            and noise.gain > 0
+            and self._held_out_error(fit, noise.polynomial) < plain
+        )
+
+    def _memory_p_value(self, noise: Noise) -> float:
+        """Return the chance that white noise seems to have as much memory, at any order."""
+        from scipy.special import gammaincc
+
+        if noise.order == 0:
+            return 1.0
+        ratio = max(noise.gain + noise.order * np.log(self.rows.sum()), 0.0)
+        return min(LARGEST_ORDER * float(gammaincc(0.5 * noise.order, 0.5 * ratio)), 1.0)
+
+    def _colour(
+        self,
+        fit: StructureFit,
+        tangent: Floats | None = None,
+        probes: Floats | None = None,
+        rows: Mask | None = None,
+    ) -> Noise:
+        """Return the colour of what the probes leave of a residual.
+
+        The residual's own autoregression would swallow a drift or a periodic remainder.
+        """
+        rows, residual = self.rows if rows is None else rows, self._residual(fit)
+        tangent = self.structure.tangent(fit) if tangent is None else tangent
+        probes = self.structure.probes(fit) if probes is None else probes
+        columns = orthonormal(np.hstack([tangent[rows], probes[rows]]))
+        rest = np.zeros(residual.size)
+        rest[rows] = residual[rows] - columns @ (columns.T @ residual[rows])
+        found = noise_of(rest, rows)
+        if found.order:
+            # Plain least squares takes slow noise for a trend: once more with the colour found so far.
+            whole = np.zeros((residual.size, columns.shape[1]))
+            whole[rows] = columns
+            basis, target = (filtered(part, rows, found.polynomial) for part in (whole, residual))
+            weights = np.linalg.lstsq(basis, target, rcond=None)[0]
+            rest[rows] = residual[rows] - columns @ weights
+            found = noise_of(rest, rows)
+        left = max(int(rows.sum()) - columns.shape[1], 1)
+        return replace(found, variance=found.variance * int(rows.sum()) / left)
+
+    def _refitted(self, fit: StructureFit, noise: Noise) -> StructureFit:
+        if noise.order == 0:
+            return fit
+        return self.structure.fit(fit.choices, self.rows, noise.polynomial, fit, effort=0)
+
+    def _residual(self, fit: StructureFit) -> Floats:
+        with np.errstate(invalid="ignore"):
+            return np.where(np.isfinite(self.y) & np.isfinite(fit.output), self.y - fit.output, 0.0)
+
+    def _noise(self, fit: StructureFit) -> Noise:
+        return noise_of(self._residual(fit), self.rows)
+
+    def _cost(self, fit: StructureFit, noise: Noise) -> float:
+        error = filtered(self._residual(fit), self.rows, noise.polynomial)
+        return float(error @ error)
+
+    def _criterion(self, fit: StructureFit, noise: Noise) -> float:
+        """Return the information criterion of a fit under a given colour of the noise."""
+        n = int(self.rows.sum())
+        return float(n * np.log(max(self._cost(fit, noise) / n, 1e-300)) + fit.n_parameters * np.log(n))
+
+    def _own_criterion(self, fit: StructureFit) -> float:
+        """Return the information criterion of a fit with the noise model of its own residual."""
+        noise, n = self._noise(fit), int(self.rows.sum())
+        count = fit.n_parameters + noise.order
+        return float(n * np.log(max(noise.variance, 1e-300)) + count * np.log(n))
+
+    def _held_out_error(self, fit: StructureFit, noise: Floats) -> float:
+        error = filtered(self._residual(fit), self.held_out, noise)
+        return float(np.sqrt(np.mean(error**2))) if error.size else np.inf
