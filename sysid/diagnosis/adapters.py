@@ -164,8 +164,30 @@ class LinearModel:
         return f"{output or '1'}/{unit}" if unit else output
 
 
+class Refitted:
+    """What a model tells of its two searches: on the estimation rows, and again with the validation rows."""
+
+    fit: Any
+    accepted: Any
+
+    @property
+    def converged(self) -> bool:
+        """Whether both searches converged."""
+        return bool(self.fit.converged and self.accepted.converged)
+
+    @property
+    def restarts_agree(self) -> bool:
+        """Whether the search on the estimation rows, from many starts, was repeatable."""
+        return bool(self.accepted.restarts_agree)
+
+    @property
+    def status(self) -> str:
+        """How the search ended."""
+        return str(self.fit.status if self.restarts_agree else self.accepted.status)
+
+
 @dataclass(frozen=True)
-class PhysicalModel:
+class PhysicalModel(Refitted):
     """A grey-box model fitted on the estimation rows and refitted with the validation rows."""
 
     fit: "PhysicsFit"
@@ -225,21 +247,6 @@ class PhysicalModel:
     def initial_state(self) -> str:
         """How experiments start."""
         return self.fit.initial_state
-
-    @property
-    def converged(self) -> bool:
-        """Whether both searches converged."""
-        return self.fit.converged and self.accepted.converged
-
-    @property
-    def restarts_agree(self) -> bool:
-        """Whether the search on the estimation rows, from many starts, was repeatable."""
-        return self.accepted.restarts_agree
-
-    @property
-    def status(self) -> str:
-        """How the search ended."""
-        return self.fit.status if self.restarts_agree else self.accepted.status
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sysid.data import Record
+from sysid.diagnosis.adapters import Refitted
 from sysid.diagnosis.models import ParameterValue
 from sysid.diagnosis.scores import finite
 from sysid.diagnosis.wording import ordinal
@@ -19,7 +20,7 @@ STATE_SPACE, HAMMERSTEIN = "state-space", "hammerstein-"
 
 
 @dataclass(frozen=True)
-class BlackBox:
+class BlackBox(Refitted):
     """A state-space or Hammerstein model, fitted on the estimation rows and on all learning rows.
 
     Attributes
@@ -57,21 +58,6 @@ class BlackBox:
         if isinstance(self.fit, StateSpaceFit):
             return self.fit.initial_state
         return "estimate" if self.fit.structure.free_start else "rest"
-
-    @property
-    def converged(self) -> bool:
-        """Whether both searches converged."""
-        return self.fit.converged and self.accepted.converged
-
-    @property
-    def restarts_agree(self) -> bool:
-        """Whether searches from different starts agreed."""
-        return self.accepted.restarts_agree
-
-    @property
-    def status(self) -> str:
-        """How the search ended."""
-        return self.fit.status if self.restarts_agree else self.accepted.status
 
     @property
     def warnings(self) -> tuple[str, ...]:
