@@ -5,8 +5,9 @@ Wiener, Hammerstein, Wiener-Hammerstein systems and maps that are fed the output
 """
 
 from sysid.lft.estimate import fit_lft
+from sysid.lft.files import load, save
 from sysid.lft.initial import InitialEstimate, initial_estimate
-from sysid.lft.model import LftFit
+from sysid.lft.model import LftFit, LftModel
 from sysid.lft.printed import PrintedSearch, printed_search
 from sysid.lft.structure import Lag, LftStructure, lags
 from sysid.lft.theorems import ProblemComparison, basis_conditions, compare_problems
@@ -15,6 +16,7 @@ __all__ = [
     "InitialEstimate",
     "Lag",
     "LftFit",
+    "LftModel",
     "LftStructure",
     "PrintedSearch",
     "ProblemComparison",
@@ -23,5 +25,7 @@ __all__ = [
     "fit_lft",
     "initial_estimate",
     "lags",
+    "load",
     "printed_search",
+    "save",
 ]

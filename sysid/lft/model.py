@@ -1,8 +1,8 @@
-"""A fitted LFT model: parameters with their covariance, predictions, the map with its band."""
+"""An LFT model: parameters with their covariance, predictions, the map with its band."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,8 +22,8 @@ _FAR = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class LftFit:
-    r"""A fitted model :math:`A y = B u + G f(D x) + e`.
+class LftModel:
+    r"""A model :math:`A y = B u + G f(D x) + e`, apart from the data it was fitted to.
 
     Attributes
     ----------
@@ -46,21 +46,8 @@ class LftFit:
         Of A, B, G, D and the map's coefficients together, for white residuals; singular along d.
     noise_std : float
         Standard deviation of the one-step residual, in the unit of the output.
-    residual : ndarray, shape (n_rows,)
-        One-step residual.
-    times : ndarray of int, shape (n_rows,)
-        Row of the data that each residual belongs to.
-    z : ndarray, shape (n_points,)
-        The points at which the map was used: the data it rests on.
     end_taps : ndarray, shape (2, n_taps)
         The lagged samples at which z is least and largest; the first and the last knot move with them.
-    costs : tuple of float
-        Sum of squared residuals at the start and after every step of the best search.
-    converged : bool
-    status : str
-        One sentence: how the search ended.
-    notes : tuple of str
-        What the structure leaves undetermined, and what was left out.
     """
 
     structure: "LftStructure"
@@ -74,29 +61,7 @@ class LftFit:
     names: tuple[str, ...]
     covariance: Floats
     noise_std: float
-    residual: Floats
-    times: Indices
-    z: Floats
     end_taps: Floats
-    costs: tuple[float, ...]
-    converged: bool
-    status: str
-    notes: tuple[str, ...]
-
-    @property
-    def n_rows(self) -> int:
-        """Rows of the fit."""
-        return self.residual.size
-
-    @property
-    def cost(self) -> float:
-        """Sum of squared one-step residuals."""
-        return float(self.residual @ self.residual)
-
-    @property
-    def rms(self) -> float:
-        """Root mean square of the one-step residual."""
-        return float(np.sqrt(self.cost / self.n_rows))
 
     @cached_property
     def standard_errors(self) -> Floats:
@@ -187,7 +152,7 @@ class LftFit:
         fed = signals.y.copy()
         return self._run(signals, fed, free=True, rest=initial_state == "rest")
 
-    def oriented(self, d: ArrayLike) -> "LftFit":
+    def oriented(self, d: ArrayLike) -> Self:
         """Return the same model with the sign of d nearest to a given one: f(z) = f'(-z)."""
         given = np.asarray(d, dtype=float)
         if given.shape != self.d.shape:
@@ -207,9 +172,13 @@ class LftFit:
             d=-self.d,
             map=mirrored,
             covariance=self.covariance[np.ix_(order, order)] * np.outer(sign, sign),
-            z=-self.z,
             end_taps=self.end_taps[::-1],
+            **self._mirrored(),
         )
+
+    def _mirrored(self) -> dict[str, Any]:
+        """Return what else changes with the sign of d."""
+        return {}
 
     @property
     def poles(self) -> NDArray[np.complex128]:
@@ -262,17 +231,74 @@ class LftFit:
                 )
         return out
 
+    def _lines(self) -> list[str]:
+        knots = self.map.knots
+        return [
+            *(
+                f"  {name:9s} {value: .6g} ± {error:.2g}"
+                for name, (value, error) in self.parameters().items()
+            ),
+            f"  map       degree {self.map.degree}, {knots.size} knots, {knots[0]:.4g} to {knots[-1]:.4g}",
+        ]
+
     def __repr__(self) -> str:
-        lines = [
+        return "\n".join([f"LftModel: {self.output} from {', '.join(self.inputs)}", *self._lines()])
+
+
+@dataclass(frozen=True, eq=False)
+class LftFit(LftModel):
+    """A fitted LFT model.
+
+    Attributes
+    ----------
+    residual : ndarray, shape (n_rows,)
+        One-step residual.
+    times : ndarray of int, shape (n_rows,)
+        Row of the data that each residual belongs to.
+    z : ndarray, shape (n_points,)
+        The points at which the map was used: the data it rests on.
+    costs : tuple of float
+        Sum of squared residuals at the start and after every step of the best search.
+    agreeing, searches : int
+        How many of the searches ended at the best cost, and how many there were.
+    converged : bool
+    status : str
+        One sentence: how the search ended.
+    notes : tuple of str
+        What the structure leaves undetermined, and what was left out.
+    """
+
+    residual: Floats
+    times: Indices
+    z: Floats
+    costs: tuple[float, ...]
+    agreeing: int
+    searches: int
+    converged: bool
+    status: str
+    notes: tuple[str, ...]
+
+    @property
+    def n_rows(self) -> int:
+        """Rows of the fit."""
+        return self.residual.size
+
+    @property
+    def cost(self) -> float:
+        """Sum of squared one-step residuals."""
+        return float(self.residual @ self.residual)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the one-step residual."""
+        return float(np.sqrt(self.cost / self.n_rows))
+
+    def _mirrored(self) -> dict[str, Any]:
+        return {"z": -self.z}
+
+    def __repr__(self) -> str:
+        head = (
             f"LftFit: {self.output} from {', '.join(self.inputs)}, one-step rms {self.rms:.4g} on "
             f"{self.n_rows} rows"
-        ]
-        lines += [
-            f"  {name:9s} {value: .6g} ± {error:.2g}" for name, (value, error) in self.parameters().items()
-        ]
-        knots = self.map.knots
-        lines.append(
-            f"  map       degree {self.map.degree}, {knots.size} knots from {knots[0]:.4g} to {knots[-1]:.4g}"
         )
-        lines += [f"  {self.status}", *(f"  {note}" for note in self.notes)]
-        return "\n".join(lines)
+        return "\n".join([head, *self._lines(), f"  {self.status}", *(f"  {note}" for note in self.notes)])
