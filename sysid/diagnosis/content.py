@@ -231,12 +231,12 @@ def interval_text(value: float, std_error: float | None) -> str:
     Examples
     --------
     >>> interval_text(0.4, 0.01), interval_text(1.0, None)
-    ('0.38 – 0.42', '–')
+    ('0.3804 to 0.4196', '–')
     """
     if std_error is None or not isfinite(std_error):
         return "–"
     half = NORMAL_95 * std_error
-    return f"{value - half:.4g} – {value + half:.4g}"
+    return f"{value - half:.4g} to {value + half:.4g}"
 
 
 def _pole(pole: complex, period: float) -> tuple[str, str]:

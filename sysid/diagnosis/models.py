@@ -130,12 +130,26 @@ class CurveView(Protocol):
 
 
 class MapView(CurveView, Protocol):
-    """A map that is part of the fitted model, with a heading and a sentence on what it looks like."""
+    """A map that is part of the fitted model.
+
+    Attributes
+    ----------
+    heading, sentence : str
+        What is drawn, and what it looks like.
+    bend, bend_lower, bend_upper : ndarray, shape (n_points,)
+        What the map has beyond its nearest straight line, with the 95 % interval.
+    """
 
     @property
     def heading(self) -> str: ...  # noqa: D102
     @property
     def sentence(self) -> str: ...  # noqa: D102
+    @property
+    def bend(self) -> "Floats": ...  # noqa: D102
+    @property
+    def bend_lower(self) -> "Floats": ...  # noqa: D102
+    @property
+    def bend_upper(self) -> "Floats": ...  # noqa: D102
 
 
 @runtime_checkable

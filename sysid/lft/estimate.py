@@ -208,6 +208,7 @@ def _model(
         times=problem.times,
         z=problem.taps @ d,
         end_taps=problem.taps[list(basis.ends)],
+        straight_rms=_straight_rms(problem, search.eta),
         costs=search.costs,
         agreeing=agreeing,
         searches=searches,
@@ -236,6 +237,14 @@ def _covariance(problem: LftProblem, search: SeparableFit, change: Floats) -> Fl
     covariance[lost, :] = np.nan
     covariance[:, lost] = np.nan
     return covariance
+
+
+def _straight_rms(problem: LftProblem, eta: Floats) -> float:
+    """Return the residual's root mean square with a straight line in place of the map."""
+    z = problem.taps @ problem.direction(eta)
+    filtered = problem.filtered(np.column_stack([z, np.ones_like(z)]), eta)
+    line = project(np.column_stack([problem.fixed, filtered]), problem.y)
+    return float(np.sqrt(line.cost / problem.y.size))
 
 
 def _check_rank(problem: LftProblem, phi: Floats, search: SeparableFit) -> None:

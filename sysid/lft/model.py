@@ -95,19 +95,25 @@ class LftModel:
 
         if not 0.0 < level < 1.0:
             raise UsageError(f"level is {level:g}: give a number between 0 and 1")
-        points = np.asarray(z, dtype=float).reshape(-1)
+        points = np.asarray(z, dtype=float)
+        half = float(ndtri(0.5 + 0.5 * level)) * self._deviation(self._gradient(points.reshape(-1)))
+        value = self.map(points)
+        return value - half.reshape(points.shape), value + half.reshape(points.shape)
+
+    def _gradient(self, points: Floats) -> Floats:
+        """Return the derivatives of the map at fixed points by d and the coefficients."""
         low, high = float(self.map.knots[0]), float(self.map.knots[-1])
         place = ((points - low) / (high - low))[:, np.newaxis]
         by_d = -self.map.slope(points)[:, np.newaxis] * (
             (1.0 - place) * self.end_taps[0] + place * self.end_taps[1]
         )
-        gradient = np.column_stack([by_d, self.map.basis(points)])
+        return np.column_stack([by_d, self.map.basis(points)])
+
+    def _deviation(self, gradient: Floats) -> Floats:
+        """Return the standard deviations of values whose derivatives are given."""
         part = self.covariance[-gradient.shape[1] :, -gradient.shape[1] :]
         variance = np.einsum("ij,jk,ik->i", gradient, part, gradient)
-        half = float(ndtri(0.5 + 0.5 * level)) * np.sqrt(np.maximum(variance, 0.0))
-        value = self.map(points)
-        shape = np.shape(z)
-        return (value - half).reshape(shape), (value + half).reshape(shape)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def one_step(self, data: "Data") -> Floats:
         """Predict each output from the measurements before it.
@@ -122,18 +128,19 @@ class LftModel:
             NaN in the first rows of each experiment, whose lags were not measured.
         """
         signals = self._signals(data)
-        fed = signals.y.copy()
-        return self._run(signals, fed, free=False, rest=False)
+        return self._run(signals, [False] * len(signals.starts), free=False)
 
-    def simulate(self, data: "Data", *, initial_state: str = "measured") -> Floats:
+    def simulate(self, data: "Data", *, initial_state: str = "measured", diverged: str = "raise") -> Floats:
         """Run the model freely: it is fed its own outputs, one run an experiment.
 
         Parameters
         ----------
         data : Record, or pair of array_like (u, y)
-        initial_state : {"measured", "rest"}
+        initial_state : {"measured", "rest", "available"}
             Whether the lags at the start of each experiment are measured, and returned as they
-            are, or zero.
+            are, or zero; with "available", zero where they were not measured.
+        diverged : {"raise", "nan"}
+            What becomes of a run that diverges; NaN from there on.
 
         Returns
         -------
@@ -146,11 +153,21 @@ class LftModel:
         DataError
             If an output at the start of an experiment was not measured.
         """
-        if initial_state not in ("measured", "rest"):
-            raise UsageError(f"initial_state is {initial_state!r}: choose measured or rest")
+        if initial_state not in ("measured", "rest", "available"):
+            raise UsageError(f"initial_state is {initial_state!r}: choose measured, rest or available")
+        if diverged not in ("raise", "nan"):
+            raise UsageError(f"diverged is {diverged!r}: choose raise or nan")
         signals = self._signals(data)
-        fed = signals.y.copy()
-        return self._run(signals, fed, free=True, rest=initial_state == "rest")
+        rest = [initial_state == "rest"] * len(signals.starts)
+        if initial_state == "available":
+            rest = [not measured for measured in self.measured_starts(data)]
+        return self._run(signals, rest, free=True, diverged=diverged)
+
+    def measured_starts(self, data: "Data") -> list[bool]:
+        """Tell for each experiment whether the outputs were measured that a free run begins with."""
+        signals = self._signals(data)
+        first = self.structure.largest_lag
+        return [bool(np.isfinite(signals.y[run][:first]).all()) for run in signals.runs()]
 
     def oriented(self, d: ArrayLike) -> Self:
         """Return the same model with the sign of d nearest to a given one: f(z) = f'(-z)."""
@@ -193,10 +210,10 @@ class LftModel:
             raise DataError(f"the data have {len(signals.inputs)} inputs, the model {len(self.inputs)}")
         return signals
 
-    def _run(self, signals: "Signals", fed: Floats, *, free: bool, rest: bool) -> Floats:
+    def _run(self, signals: "Signals", rest: list[bool], *, free: bool, diverged: str = "raise") -> Floats:
         from sysid.lft.kernels import run_experiment
 
-        first = 0 if rest else self.structure.largest_lag
+        fed = signals.y.copy()
         out = np.full(signals.n_samples, np.nan)
         measured = np.abs(signals.y[np.isfinite(signals.y)])
         scale = max(float(measured.max(initial=0.0)), float(np.abs(self.map.coefficients).max()))
@@ -206,8 +223,8 @@ class LftModel:
             signals.channels(self.structure.b_lags),
             signals.channels(self.structure.z_lags),
         )
-        for run in signals.runs():
-            part = fed[run]
+        for run, at_rest in zip(signals.runs(), rest, strict=True):
+            part, first = fed[run], 0 if at_rest else self.structure.largest_lag
             if free and not np.isfinite(part[:first]).all():
                 row = run.start + int(np.argmin(np.isfinite(part[:first])))
                 raise DataError(
@@ -222,7 +239,9 @@ class LftModel:
                 EXTRAPOLATIONS[self.map.extrapolation], self.map.coefficients,
                 _FAR * scale, out[run], np.empty(part.size),
             )  # fmt: skip
-            if left >= 0:
+            if left >= 0 and diverged == "nan":
+                out[run.start + left : run.stop] = np.nan
+            elif left >= 0:
                 radius = float(np.abs(self.poles).max(initial=0.0))
                 raise ModelError(
                     f"the free run diverges: in row {run.start + left + 1} it is {_FAR:g} times further out "
@@ -257,6 +276,8 @@ class LftFit(LftModel):
         Row of the data that each residual belongs to.
     z : ndarray, shape (n_points,)
         The points at which the map was used: the data it rests on.
+    straight_rms : float
+        Root mean square of the one-step residual with a straight line in place of the map, d and G held.
     costs : tuple of float
         Sum of squared residuals at the start and after every step of the best search.
     agreeing, searches : int
@@ -271,6 +292,7 @@ class LftFit(LftModel):
     residual: Floats
     times: Indices
     z: Floats
+    straight_rms: float
     costs: tuple[float, ...]
     agreeing: int
     searches: int
@@ -292,6 +314,38 @@ class LftFit(LftModel):
     def rms(self) -> float:
         """Root mean square of the one-step residual."""
         return float(np.sqrt(self.cost / self.n_rows))
+
+    def bend(self, z: ArrayLike) -> tuple[Floats, Floats]:
+        """Return what the map has beyond the straight line nearest to it over its data.
+
+        Parameters
+        ----------
+        z : array_like, shape (n_points,)
+
+        Returns
+        -------
+        bend, std_error : ndarray, shape (n_points,)
+        """
+        points = np.asarray(z, dtype=float).reshape(-1)
+        line = np.linalg.pinv(np.column_stack([np.ones_like(self.z), self.z]))
+        at_points = np.column_stack([np.ones_like(points), points])
+        value = self.map(points) - at_points @ (line @ self.map(self.z))
+        gradient = self._gradient(points) - at_points @ (line @ self._gradient(self.z))
+        return value, self._deviation(gradient)
+
+    def straight_line_test(self) -> float:
+        """Return the probability of a map bent as much as this one if it is a straight line.
+
+        An F test with d and G as they were estimated, for white residuals.
+        """
+        from scipy.stats import f
+
+        extra = self.map.coefficients.size - 2
+        free = self.n_rows - len(self.names) + 1
+        if extra < 1 or self.cost <= 0.0:
+            return 1.0 if extra < 1 else 0.0
+        ratio = (self.straight_rms**2 * self.n_rows - self.cost) / extra / (self.cost / free)
+        return float(f.sf(max(ratio, 0.0), extra, free))
 
     def _mirrored(self) -> dict[str, Any]:
         return {"z": -self.z}

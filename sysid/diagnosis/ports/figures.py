@@ -12,9 +12,10 @@ from sysid.reporting.style import COLOURS, GREY, subplots
 if TYPE_CHECKING:
     from sysid.diagnosis.figures import Picture
     from sysid.diagnosis.models import CurveView, MapView
+    from sysid.linear.forms import Floats
 
 WIDE, NARROW = 7.2, 3.7
-PANEL_HEIGHT, MAP_HEIGHT = 3.1, 3.8
+PANEL_HEIGHT, MAP_HEIGHT = 3.1, 4.6
 # Where the density is below this share of its largest value, the curve is drawn as a guess.
 SPARSE = 0.02
 # The vertical axis reaches this many times beyond the curve where its data are dense.
@@ -74,7 +75,7 @@ def ports_picture(curves: Sequence[PortCurve]) -> "Picture":
 
 
 def map_figure(view: "MapView", width: float = WIDE) -> tuple[Any, str, str]:
-    """Draw a map of the model: curve, 95 % band, and the density of data beneath.
+    """Draw a map of the model with its 95 % band, what it has beyond a line, and the density of data.
 
     Parameters
     ----------
@@ -82,11 +83,19 @@ def map_figure(view: "MapView", width: float = WIDE) -> tuple[Any, str, str]:
     width : float
         Width of the figure [inch].
     """
-    figure, (top, bottom) = subplots(2, 1, width=width, height=MAP_HEIGHT, height_ratios=(4, 1))
+    figure, (top, middle, bottom) = subplots(3, 1, width=width, height=MAP_HEIGHT, height_ratios=(4, 2, 1))
     from sysid.diagnosis.figures import legend
 
     _panel(top, bottom, view, "map of the model")
     legend(top)
+    dense = view.density > SPARSE * view.density.max()
+    middle.axhline(0.0, color=GREY, linewidth=0.6)
+    middle.fill_between(view.value, view.bend_lower, view.bend_upper, color="#cfcfcf", linewidth=0)
+    middle.plot(view.value, view.bend, color=COLOURS[0], linewidth=1.4)
+    _limit(middle, view.bend_lower[dense], view.bend_upper[dense])
+    middle.set_xlim(view.value[0], view.value[-1])
+    middle.set_ylabel("less its line")
+    middle.tick_params(labelbottom=False)
     return figure, view.heading, view.sentence
 
 
@@ -97,8 +106,7 @@ def _panel(top: Any, bottom: Any, curve: "CurveView", label: str) -> None:
     known = np.where(dense, curve.centre, np.nan)
     top.plot(curve.value, curve.centre, color=COLOURS[0], linestyle=(0, (1.2, 1.4)), linewidth=1.0)
     top.plot(curve.value, known, color=COLOURS[0], linewidth=1.6, label=label)
-    low, high = float(curve.lower[dense].min()), float(curve.upper[dense].max())
-    top.set_ylim(low - MARGIN * (high - low) - 1e-300, high + MARGIN * (high - low) + 1e-300)
+    _limit(top, curve.lower[dense], curve.upper[dense])
     top.set_ylabel(_label(curve.result, curve.result_unit))
     top.tick_params(labelbottom=False)
     bottom.fill_between(
@@ -112,6 +120,12 @@ def _panel(top: Any, bottom: Any, curve: "CurveView", label: str) -> None:
     bottom.set_xlabel(_label(curve.quantity, curve.unit))
     for axes in (top, bottom):
         axes.set_xlim(curve.value[0], curve.value[-1])
+
+
+def _limit(axes: Any, lower: "Floats", upper: "Floats") -> None:
+    """Let the vertical axis reach a little beyond a band."""
+    low, high = float(lower.min()), float(upper.max())
+    axes.set_ylim(low - MARGIN * (high - low) - 1e-300, high + MARGIN * (high - low) + 1e-300)
 
 
 def _heading(curve: PortCurve) -> str:
