@@ -46,7 +46,7 @@ def build_parser() -> argparse.ArgumentParser:
             formatter_class=argparse.ArgumentDefaultsHelpFormatter,
         )
         command.add_arguments(child)
-        child.set_defaults(load=command.load)
+        child.set_defaults(load=command.load, parser=child)
     return parser
 
 
@@ -60,7 +60,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         reader of the output left.
     """
     _prepare_streams()
-    arguments = build_parser().parse_args(argv)
+    arguments, unknown = build_parser().parse_known_args(argv)
+    if unknown:
+        arguments.parser.error(_unknown_words(unknown, arguments.parser))
     try:
         code = int(arguments.load()(arguments))
         sys.stdout.flush()
@@ -86,6 +88,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         kept = "; the finished runs are kept, --resume goes on" if "resume" in arguments else ""
         print(f"sysid {arguments.command}: interrupted{kept}", file=sys.stderr)
         return INTERRUPTED
+
+
+def _unknown_words(unknown: list[str], parser: argparse.ArgumentParser) -> str:
+    """Name what is not known, and the options it may stand for."""
+    first = unknown[0].partition("=")[0]
+    options = [flag for action in parser._actions for flag in action.option_strings]
+    near = [flag for flag in options if first.startswith("--") and flag.startswith(first)]
+    if not near and first.startswith("--"):
+        from difflib import get_close_matches
+
+        near = get_close_matches(first, options, n=2)
+    words = f"unrecognized arguments: {' '.join(unknown)}"
+    return f"{words} (did you mean {' or '.join(near)}?)" if near else words
 
 
 def _prepare_streams() -> None:
