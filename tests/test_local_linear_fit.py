@@ -17,7 +17,8 @@ def tank(n_samples=600, seed=0, scale=1.0, offset=0.0):
     level = np.zeros(n_samples)
     for k in range(n_samples - 1):
         level[k + 1] = max(level[k] + 0.3 * (u[k] - np.sqrt(level[k])), 0.0)
-    return scale * u + offset, level
+    # Without noise a search ends where rounding decides.
+    return scale * u + offset, level + 0.01 * rng.standard_normal(n_samples)
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +46,7 @@ def test_result_does_not_depend_on_units(fitted):
     u, y = tank(scale=50.0, offset=3.0)
     other = make_record(u, 1e-3 * y, period=1.0)
     again = fit_local_linear(other, order=2, models=3, rows=other.estimation, restarts=2)
-    assert np.isclose(again.rms[0], 1e-3 * fit.rms[0], rtol=0.02)  # the last steps of a search are rounding
+    assert np.isclose(again.rms[0], 1e-3 * fit.rms[0], rtol=0.02)  # searches end within a relative 1e-3
 
 
 def test_weights_are_drawn_over_one_and_two_signals(fitted):
@@ -113,8 +114,7 @@ def test_errors_say_what_to_do():
 def test_a_start_is_gone_on_from(fitted):
     record, fit = fitted
     again = fit_local_linear(record, 2, 3, rows=record.estimation, start=fit.model)
-    # Without noise the search ends where weights are differences of large numbers: rounding decides digits.
-    assert again.rms[0] <= 1.05 * fit.rms[0]
+    assert again.rms[0] <= 1.001 * fit.rms[0]
 
 
 def test_cascaded_tanks(records):
