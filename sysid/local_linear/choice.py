@@ -285,10 +285,11 @@ def refit(task: Search, accepted: Trial) -> tuple[Minimum[At], Problem, Scaled, 
     start = given_start(problem, accepted.model, scaled)
     with np.errstate(all="ignore"):
         end = descend(problem, start, tolerance=1e-8, max_evaluations=FINAL_EVALUATIONS)
-    model = scaled.physical(LocalLinearModel.of(problem.sizes, end.x, end.point.gains()))
     visited = task.phi[rows]
     allowed = max(1.0, growth(accepted.model, visited)) * (1.0 + GROWTH_TOLERANCE)
-    if growth(model, visited) <= allowed:
-        return end, problem, scaled, True
+    if _is_finite(end, scaled):
+        model = scaled.physical(LocalLinearModel.of(problem.sizes, end.x, end.point.gains()))
+        if growth(model, visited) <= allowed:
+            return end, problem, scaled, True
     point = problem(start)
     return replace(end, x=start, point=point, costs=(point.cost,)), problem, scaled, False
