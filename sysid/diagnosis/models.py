@@ -186,8 +186,8 @@ def resolve_model(
     Parameters
     ----------
     model : str, Path or Model
-        ``"linear"``, ``"state-space"``, ``"hammerstein-..."`` with the name of a map, the name of a physical
-        model, a TOML file, or a model.
+        ``"linear"``, ``"state-space"``, ``"hammerstein-..."`` with the name of a map, ``"local-linear"``, the
+        name of a physical model, a TOML file, or a model.
     order : int, optional
     start, fixed : mapping of str to float, optional
 
@@ -230,9 +230,13 @@ def resolve_model(
 
 
 def _black_boxes(model: str | Path) -> tuple[str, ...]:
-    """Return the names of state-space and Hammerstein models, without loading them for others."""
+    """Return the names of models without physics but the linear one, without loading them for others."""
+    if str(model).startswith("local-linear"):
+        from sysid.diagnosis.local_linear import LOCAL_LINEAR, is_local_linear
+
+        return (str(model) if is_local_linear(str(model)) else LOCAL_LINEAR,)
     if not str(model).startswith(("state", "hammerstein")):
-        return ("state-space", "hammerstein-<map>")
+        return ("state-space", "hammerstein-<map>", "local-linear")
     from sysid.diagnosis.black_boxes import black_box_names
 
     return black_box_names()
@@ -269,8 +273,10 @@ def fit_model(
         return LinearModel(choice, dict(record.units))
     if isinstance(model, str):
         from sysid.diagnosis.black_boxes import fit_black_box
+        from sysid.diagnosis.local_linear import fit_local_models, is_local_linear
 
-        return fit_black_box(
+        fit_named = fit_local_models if is_local_linear(model) else fit_black_box
+        return fit_named(
             record,
             model,
             order,
