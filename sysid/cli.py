@@ -21,6 +21,14 @@ class _Parser(argparse.ArgumentParser):
         # "--out" must not be taken for "--output", which is something else.
         super().__init__(*args, **kwargs | {"allow_abbrev": False})
 
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse the arguments; the command itself says which of its options it does not know."""
+        found, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            command = getattr(found, "parser", self)
+            command.error(_unknown_words(unknown, command))
+        return found
+
     def error(self, message: str) -> NoReturn:
         self.exit(BAD_INPUT, f"{self.prog}: error: {message}; see `{self.prog} --help`\n")
 
@@ -60,9 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         reader of the output left.
     """
     _prepare_streams()
-    arguments, unknown = build_parser().parse_known_args(argv)
-    if unknown:
-        arguments.parser.error(_unknown_words(unknown, arguments.parser))
+    arguments = build_parser().parse_args(argv)
     try:
         code = int(arguments.load()(arguments))
         sys.stdout.flush()
