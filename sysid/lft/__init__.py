@@ -6,6 +6,7 @@ Wiener, Hammerstein, Wiener-Hammerstein systems and maps that are fed the output
 
 from sysid.lft.estimate import fit_lft
 from sysid.lft.files import load, save
+from sysid.lft.free_run import refine_free_run
 from sysid.lft.initial import InitialEstimate, initial_estimate
 from sysid.lft.model import LftFit, LftModel
 from sysid.lft.printed import PrintedSearch, printed_search
@@ -27,5 +28,6 @@ __all__ = [
     "lags",
     "load",
     "printed_search",
+    "refine_free_run",
     "save",
 ]
