@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from replications.errata import erratum_gates, erratum_numbers
-from replications.pepona.chapter import Chapter, Studies
+from replications.pepona.chapter import Chapter, Studies, claims_file
 from replications.pepona.chapter4 import CHAPTER_4
 from replications.studies import protocol_gates
 from sysid.claims import Claim, judge, read
@@ -33,7 +33,7 @@ class Pepona:
     @property
     def claims_file(self) -> Traversable:
         """The printed values."""
-        return resources.files("replications") / "claims" / "pepona.toml"
+        return claims_file()
 
     @property
     def notebook(self) -> Path:
