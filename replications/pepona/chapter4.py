@@ -20,13 +20,17 @@ from sysid.replication import Session
 
 READ_ANEW = ("4.3", "4.4")
 """Examples whose signs are settled by trying all of them."""
+ENOUGH = 60
+"""Runs below which the tails of a distribution are not known well enough to judge a printed value."""
+FEWER_CASE = f"4.2/n={study.FEWER}"
 SCORES = ("vaf_one_step", "vaf_free_run", "ceiling_one_step", "ceiling_free_run")
 
 
 def plan4(runs: int) -> Mapping[str, tuple[Task, int]]:
     """Return every case with its task and number of runs."""
-    fewer = max(runs // 4, 20)
-    cases: dict[str, tuple[Task, int]] = {case: (ExampleRun(case), runs) for case in setting.EXAMPLES}
+    enough, fewer = max(runs, ENOUGH), max(runs // 4, 20)
+    cases: dict[str, tuple[Task, int]] = {case: (ExampleRun(case), enough) for case in setting.EXAMPLES}
+    cases[FEWER_CASE] = (ExampleRun("4.2", study.FEWER), enough)
     cases |= {f"{case}/signs": (ReadingRun(case), fewer) for case in READ_ANEW}
     cases |= {f"{case}/theory": (TheoryRun(case), max(runs // 20, 6)) for case in setting.EXAMPLES}
     for n_g in (0, 1):
@@ -54,6 +58,7 @@ def numbers4(studies: Studies, session: Session) -> dict[str, float | None]:
     for case in setting.EXAMPLES:
         numbers |= example_numbers(case, studies[case])
         numbers |= theory_medians(case, studies[f"{case}/theory"])
+    numbers |= fewer_numbers(studies[FEWER_CASE])
     for case in READ_ANEW:
         numbers |= reading_numbers(case, studies[f"{case}/signs"])
     return numbers | consistency_numbers(studies)
@@ -146,6 +151,19 @@ def example_numbers(case: str, found: Study) -> dict[str, float]:
     return numbers
 
 
+def fewer_numbers(found: Study) -> dict[str, float]:
+    """Return where Table 4.2 and its VAF would lie if there had been fewer samples."""
+    printed = printed_values()
+    places = {f"final/d{i}": f"d{i}" for i in (1, 2, 3)} | {
+        f"initial/d{i}": f"initial/d{i}" for i in (1, 2, 3)
+    }
+    places["vaf"] = "vaf_one_step"
+    return {
+        f"{FEWER_CASE}/z/{name}": robust(found.column(column), printed[f"4.2/{name}"])["z"]
+        for name, column in places.items()
+    }
+
+
 def reading_numbers(case: str, found: Study) -> dict[str, float]:
     """Return for every reading of the signs how often it diverges, and where the printed VAF lies."""
     printed = printed_values()
@@ -163,11 +181,16 @@ def reading_numbers(case: str, found: Study) -> dict[str, float]:
     return numbers
 
 
+WORST = (
+    "gradient/separated", "gradient/joint", "joint_cost_off", "basis/rounding", "printed/stopped-at-minimum",
+    "printed/worst-rise", "printed/excess", "printed/steps",
+)  # fmt: skip
+
+
 def theory_medians(case: str, found: Study) -> dict[str, float]:
     """Return medians of what a record shows, and the worst value where a statement must hold always."""
     numbers = {f"{case}/theory/{name}": float(np.median(found.column(name))) for name in found.columns}
-    for name in ("gradient/separated", "gradient/joint", "joint_cost_off", "basis/difference",
-                 "printed/stopped-at-minimum", "printed/worst-rise", "printed/excess", "printed/steps"):  # fmt: skip
+    for name in WORST:
         numbers[f"{case}/theory/{name}_worst"] = float(np.max(found.column(name)))
     ratio = found.column("condition/kaufman") / found.column("condition/joint")
     numbers[f"{case}/theory/condition/ratio_worst"] = float(np.max(ratio))

@@ -15,6 +15,8 @@ SAME = 1e-6
 """Searches that end at costs within this share of each other ended at the same minimum."""
 FAR = 1e3
 """A system whose output goes beyond this has diverged."""
+FEWER = 150
+"""Samples with which all of Table 4.2 would be ordinary."""
 SIZES = (250, 500, 1000, 2000, 4000, 8000)
 """Samples at which the error of the Hammerstein systems is measured."""
 INTERIOR = 2.25
@@ -61,14 +63,18 @@ class ExampleRun:
     ----------
     case : str
         Number of the example.
+    samples : int or None
+        Other than the example says.
     """
 
     case: str
+    samples: int | None = None
 
     @property
     def example(self) -> Example:
         """The example."""
-        return setting.EXAMPLES[self.case]
+        example = setting.EXAMPLES[self.case]
+        return replace(example, samples=self.samples or example.samples)
 
     def experiment(self, rng: np.random.Generator) -> Signals:
         """Draw both halves."""

@@ -51,6 +51,7 @@ class TheoryRun:
         first = initial_estimate(data, form)
         ours, theirs = (compare_problems(data, one, start=first) for one in (form, thesis))
         conditions = basis_conditions(fitted.z, form.knots)
+        difference = bases_differ(Predictor(example, signals), fitted)
         return {
             "gradient/separated": ours.separated_gradient,
             "gradient/joint": ours.joint_gradient,
@@ -66,7 +67,8 @@ class TheoryRun:
             "basis/bspline": conditions["bspline"],
             "basis/thesis-scaled": conditions["thesis scaled"],
             "basis/bspline-scaled": conditions["bspline scaled"],
-            "basis/difference": bases_differ(Predictor(example, signals), fitted),
+            "basis/difference": difference,
+            "basis/rounding": difference / (np.finfo(float).eps * conditions["thesis"]),
             **self._printed(data, form, fitted.cost, rng),
         }
 
