@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from sysid import __version__
 from sysid.errors import SysidError
@@ -15,7 +15,11 @@ DONE, RED_GATE, BAD_INPUT, INTERRUPTED, READER_LEFT = 0, 1, 2, 130, 141
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose errors are one sentence."""
+    """A parser whose errors are one sentence, and which takes no abbreviation for an option."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        # "--out" must not be taken for "--output", which is something else.
+        super().__init__(*args, **kwargs | {"allow_abbrev": False})
 
     def error(self, message: str) -> NoReturn:
         self.exit(BAD_INPUT, f"{self.prog}: error: {message}; see `{self.prog} --help`\n")

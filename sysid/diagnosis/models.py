@@ -2,12 +2,13 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 from sysid.data import Record
 from sysid.errors import UsageError
 
 if TYPE_CHECKING:
+    from sysid.linear.forms import Floats
     from sysid.linear.selection import Candidate
     from sysid.linear.simulation import Prediction
     from sysid.physics import Model, Starts
@@ -92,6 +93,71 @@ class FittedModel(Protocol):
 
     def details(self) -> dict[str, Any]:
         """Return further entries of the model's part of the JSON file."""
+
+
+class CurveView(Protocol):
+    """A static map with its band and the data it rests on, as a figure shows it.
+
+    Attributes
+    ----------
+    quantity, unit, result, result_unit : str
+        What the map is fed and what it returns.
+    value, centre, lower, upper, density : ndarray, shape (n_points,)
+        Grid, map, limits of its 95 % interval, share of the data around each point.
+    knots : ndarray
+    """
+
+    @property
+    def quantity(self) -> str: ...  # noqa: D102
+    @property
+    def unit(self) -> str: ...  # noqa: D102
+    @property
+    def result(self) -> str: ...  # noqa: D102
+    @property
+    def result_unit(self) -> str: ...  # noqa: D102
+    @property
+    def value(self) -> "Floats": ...  # noqa: D102
+    @property
+    def centre(self) -> "Floats": ...  # noqa: D102
+    @property
+    def lower(self) -> "Floats": ...  # noqa: D102
+    @property
+    def upper(self) -> "Floats": ...  # noqa: D102
+    @property
+    def density(self) -> "Floats": ...  # noqa: D102
+    @property
+    def knots(self) -> "Floats": ...  # noqa: D102
+
+
+class MapView(CurveView, Protocol):
+    """A map that is part of the fitted model.
+
+    Attributes
+    ----------
+    heading, sentence : str
+        What is drawn, and what it looks like.
+    bend, bend_lower, bend_upper : ndarray, shape (n_points,)
+        What the map has beyond its nearest straight line, with the 95 % interval.
+    """
+
+    @property
+    def heading(self) -> str: ...  # noqa: D102
+    @property
+    def sentence(self) -> str: ...  # noqa: D102
+    @property
+    def bend(self) -> "Floats": ...  # noqa: D102
+    @property
+    def bend_lower(self) -> "Floats": ...  # noqa: D102
+    @property
+    def bend_upper(self) -> "Floats": ...  # noqa: D102
+
+
+@runtime_checkable
+class Mapped(Protocol):
+    """A fitted model that shows maps of its own."""
+
+    def maps(self) -> "tuple[MapView, ...]":
+        """Return the maps of the final model."""
 
 
 class PortView(Protocol):
