@@ -14,6 +14,7 @@ from replications.pepona.chapter4_errata import errata4
 from replications.pepona.chapter4_shown import shown
 from replications.pepona.chapter4_study import SIZES, ExampleRun, HammersteinRun, ReadingRun
 from replications.pepona.chapter4_theory import TheoryRun, theory_numbers
+from replications.pepona.setting import Example
 from replications.studies import entry
 from sysid.montecarlo import Study, Task
 from sysid.replication import Session
@@ -22,6 +23,8 @@ READ_ANEW = ("4.3", "4.4")
 """Examples whose signs are settled by trying all of them."""
 ENOUGH = 60
 """Runs below which the tails of a distribution are not known well enough to judge a printed value."""
+LONG, RECORDS = 100_000, 20
+"""Samples and number of the records that tell whether a system diverges sooner or later."""
 FEWER_CASE = f"4.2/n={study.FEWER}"
 SCORES = ("vaf_one_step", "vaf_free_run", "ceiling_one_step", "ceiling_free_run")
 
@@ -35,7 +38,7 @@ def plan4(runs: int) -> Mapping[str, tuple[Task, int]]:
     cases |= {f"{case}/theory": (TheoryRun(case), max(runs // 20, 6)) for case in setting.EXAMPLES}
     for n_g in (0, 1):
         for n in SIZES:
-            cases[hammerstein_case(n_g, n)] = (HammersteinRun(n_g, n), max(runs // 4, 40))
+            cases[hammerstein_case(n_g, n)] = (HammersteinRun(n_g, n), fewer)
     return cases
 
 
@@ -168,8 +171,9 @@ def reading_numbers(case: str, found: Study) -> dict[str, float]:
     """Return for every reading of the signs how often it diverges, and where the printed VAF lies."""
     printed = printed_values()
     numbers = {}
-    for name in study.readings(case):
+    for name, example in study.readings(case).items():
         numbers[f"{case}/signs/{name}/diverged_share"] = float(np.mean(found.column(f"{name}/diverged")))
+        numbers[f"{case}/signs/{name}/diverged_long_share"] = diverging_share(example)
         for score in ("vaf_one_step", "vaf_free_run", "initial/a1"):
             values = found.column(f"{name}/{score}")
             if np.sum(~np.isnan(values)) < 10:
@@ -177,8 +181,18 @@ def reading_numbers(case: str, found: Study) -> dict[str, float]:
             numbers[f"{case}/signs/{name}/{score}_median"] = float(np.nanmedian(values))
             key = f"{case}/initial/a1" if score == "initial/a1" else f"{case}/vaf"
             if key in printed:
-                numbers[f"{case}/signs/{name}/{score}_z"] = robust(values, printed[key])["z"]
+                placed = robust(values, printed[key])
+                numbers[f"{case}/signs/{name}/{score}_z"] = placed["z"]
+                numbers[f"{case}/signs/{name}/{score}_share_below"] = placed["share_below"]
     return numbers
+
+
+def diverging_share(example: Example) -> float:
+    """Return the share of long records in which the system diverges."""
+    signals = (
+        setting.experiment(example, LONG, np.random.default_rng([seed, 44])) for seed in range(RECORDS)
+    )
+    return float(np.mean([not np.max(np.abs(one.y)) <= study.FAR for one in signals]))
 
 
 WORST = (

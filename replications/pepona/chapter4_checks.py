@@ -135,6 +135,18 @@ def reading_gates(numbers: Found) -> list[Gate]:
     return [
         gate.exact("signs/4.4/as-printed", as_printed, 1.0, "as printed every record diverges"),
         gate.exact("signs/4.4/corrected", corrected, 0.0, "with -g1 none does"),
+        *(
+            gate.exact(
+                f"signs/4.4/stable/{name}", numbers[f"4.4/signs/{name}/diverged_long_share"], expected,
+                "over 100 000 samples the two readings with +g1 always diverge, those with -g1 never",
+            )
+            for name, expected in (("+a+g", 1.0), ("-a+g", 1.0), ("+a-g", 0.0), ("-a-g", 0.0))
+        ),
+        gate.at_least(
+            "signs/4.4/other-stable", numbers["4.4/signs/-a-g/vaf_free_run_share_below"], 0.9,
+            "monte-carlo-band",
+            "the other stable reading has free runs below the printed VAF, its predictions are above",
+        ),
         gate.at_most(
             "signs/4.3/as-printed", max(off), -4.0, "monte-carlo-band",
             "as printed no VAF is as low as 98.32 %, one-step or free-run",

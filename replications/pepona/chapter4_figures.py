@@ -115,8 +115,7 @@ def initialisation(results: Results) -> Display:
     return display.figure(
         drawing,
         "Figure 4.2 regenerated: samples at initialisation in Example 4.3, steps 4 and 5 of 4.3.1.",
-        "The first spline takes in what the neglected linear parts do; it is flatter than the map and "
-        "shifted.",
+        "The first spline is not the map yet: it takes in what the neglected linear parts do.",
     )
 
 
@@ -195,6 +194,9 @@ def consistency(results: Results) -> Display:
         guide = numbers[f"hammerstein/n_g={n_g}/rmse/map/{sizes[0]}"] * 1.9
         panel.loglog(sizes, guide * np.sqrt(sizes[0] / np.array(sizes)), color=GREY, linewidth=0.8,
                      linestyle="-", label="$N^{-1/2}$")  # fmt: skip
+        panel.set_xticks(sizes, [str(n) for n in sizes], fontsize=8)
+        panel.tick_params(axis="x", which="minor", labelbottom=False)
+        panel.yaxis.set_minor_formatter("")
         panel.set_xlabel("N [samples]")
         panel.set_title(f"$n_g = {n_g}$")
         panel.legend(fontsize=8, loc="lower left")

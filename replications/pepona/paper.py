@@ -9,7 +9,7 @@ from typing import Any
 from replications.errata import erratum_gates, erratum_numbers
 from replications.pepona.chapter import Chapter, Studies, claims_file
 from replications.pepona.chapter4 import CHAPTER_4
-from replications.pepona.records import record_numbers
+from replications.pepona.records import record_result
 from replications.studies import protocol_gates
 from sysid.claims import Claim, judge, read
 from sysid.errors import UsageError
@@ -61,15 +61,16 @@ class Pepona:
                 numbers |= chapter.numbers(studies, session)
                 monte_carlo |= chapter.monte_carlo(studies)
                 tables |= chapter.tables(studies, session)
-        found, notes = record_numbers(session)
-        numbers |= found
+        record = record_result(session)
+        numbers |= record.numbers
+        tables |= record.tables
         claims = [judged(claim, studies, numbers) for claim in read(self.claims_file)]
         gates = [
             *protocol_gates(studies, claims),
             *(gate for chapter in CHAPTERS for gate in chapter.gates(studies, monte_carlo, numbers)),
             *erratum_gates(found_errata),
         ]
-        return PaperResult(claims, gates, tables, monte_carlo, numbers, notes)
+        return PaperResult(claims, gates, tables, monte_carlo, numbers, record.notes)
 
 
 paper = Pepona()
