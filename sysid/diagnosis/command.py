@@ -63,7 +63,8 @@ def add_model_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="linear|NAME|FILE.toml|MODULE:CLASS",
         default="linear",
         help="linear (default), state-space, hammerstein-<map> (as hammerstein-saturation), local-linear (or "
-        "local-linear-3 for three of them), a physical model that `sysid models` lists, or one of your own",
+        "local-linear-3 for three of them), wiener-hammerstein, a physical model that `sysid models` lists, "
+        "or one of your own",
     )
     group.add_argument(
         "--order", metavar="N", type=int, help="order of the linear model (default: chosen from the data)"
