@@ -68,7 +68,7 @@ def scipy_joint(problem, x):
 
 
 def test_separated_against_joint(benchmark, table):
-    """From one start: whole fits by the separated search, covariance included, and the joint searches alone."""
+    """From one start: whole fits by the separated search, and the joint searches alone."""
     methods = {
         "separated, exact": lambda data, problem, start: fit_lft(data, STRUCTURE, start=start).cost,
         "separated, Kaufman": lambda data, problem, start: (
