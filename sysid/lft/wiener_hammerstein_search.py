@@ -24,8 +24,8 @@ SCREENING_EVALUATIONS = 25
 EVALUATIONS = 80
 # A search stops when its next step is below this share of a standard error.
 COARSE_STEP, FINE_STEP = 0.03, 1e-3
-# Two searches agree when their errors differ by less than this share: knots follow the range of the map's input, so
-# that the same minimum comes with slightly different maps.
+# Two searches agree when their errors differ by less than this share: knots follow the range of the map's
+# input, so that the same minimum comes with slightly different maps.
 AGREEMENT = 5e-2
 LARGEST_REFLECTION = 1.0 - 1e-6
 ROUNDS = 2
