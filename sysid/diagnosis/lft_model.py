@@ -237,10 +237,13 @@ class LftJudged(Refitted):
         fit = self.fit
         low, high = np.quantile(fit.z, [0.5 - INNER / 2, 0.5 + INNER / 2])
         inner = grid[(grid >= low) & (grid <= high)]
-        slope = fit.map.slope(inner)
-        shape = "rises throughout" if np.all(slope >= 0.0) else "falls throughout"
-        if np.any(slope > 0.0) and np.any(slope < 0.0):
-            shape = "turns from rising to falling or back"
+        steps = np.diff(fit.map(inner))
+        band = float(np.max(width[(grid >= low) & (grid <= high)])) / 2.0
+        rise, fall = float(steps[steps > 0.0].sum()), float(-steps[steps < 0.0].sum())
+        # What turns by less than the band is wide is as well flat.
+        shape = (
+            "rises and falls" if min(rise, fall) > 2.0 * band else f"{'rises' if rise > fall else 'falls'}"
+        )
         chance = fit.straight_line_test()
         more = percent(fit.straight_rms / fit.rms - 1.0) if fit.rms > 0.0 else "far more"
         straight = (
@@ -249,7 +252,6 @@ class LftJudged(Refitted):
             else f"a straight line in its place would raise the one-step error by {more} (F test, p "
             f"{'= ' + format(chance, '.2g') if chance >= 1e-4 else '< 0.0001'})"
         )
-        band = float(np.max(width[(grid >= low) & (grid <= high)])) / 2.0
         unit = self.units.get(fit.output, "")
         return (
             f"The map {shape} where {percent(INNER)} of its data lie; its 95 % band "

@@ -197,7 +197,7 @@ def resolve_model(
     ----------
     model : str, Path or Model
         ``"linear"``, ``"state-space"``, ``"hammerstein-..."`` with the name of a map,
-        ``"wiener-hammerstein"``, the name of a physical model, a TOML file, or a model.
+        ``"wiener-hammerstein"``, ``"local-linear"``, the name of a physical model, a TOML file, or a model.
     order : int, optional
     start, fixed : mapping of str to float, optional
 
@@ -240,9 +240,13 @@ def resolve_model(
 
 
 def _black_boxes(model: str | Path) -> tuple[str, ...]:
-    """Return the names of state-space and Hammerstein models, without loading them for others."""
+    """Return the names of models without physics but the linear one, without loading them for others."""
+    if str(model).startswith("local-linear"):
+        from sysid.diagnosis.local_linear import LOCAL_LINEAR, is_local_linear
+
+        return (str(model) if is_local_linear(str(model)) else LOCAL_LINEAR,)
     if not str(model).startswith(("state", "hammerstein", "wiener")):
-        return ("state-space", "hammerstein-<map>", "wiener-hammerstein")
+        return ("state-space", "hammerstein-<map>", "wiener-hammerstein", "local-linear")
     from sysid.diagnosis.black_boxes import black_box_names
 
     return black_box_names()
@@ -281,8 +285,10 @@ def fit_model(
         return _wiener_hammerstein(record, order, delay, constant, initial_state, progress)
     if isinstance(model, str):
         from sysid.diagnosis.black_boxes import fit_black_box
+        from sysid.diagnosis.local_linear import fit_local_models, is_local_linear
 
-        return fit_black_box(
+        fit_named = fit_local_models if is_local_linear(model) else fit_black_box
+        return fit_named(
             record,
             model,
             order,

@@ -167,8 +167,8 @@ def _structures(record: Record, fixed: Mapping[str, Any]) -> list[LftStructure]:
     families: list[dict[str, Any]] = []
     for n in ORDERS:
         families += [
-            {"n_a": n, "n_g": n - 1, "z_lags": inputs(0)},
-            {"n_a": n, "n_g": n - 1, "z_lags": inputs(0, 1)},
+            *({"n_a": n, "n_g": m, "z_lags": inputs(0)} for m in (n - 1, n)),
+            *({"n_a": n, "n_g": m, "z_lags": inputs(0, 1)} for m in (n - 1, n)),
             {"z_lags": inputs(*range(n + 1))},
             {"n_a": n, "b_lags": inputs(*range(n)), "z_lags": output},
             {"n_a": n, "n_g": n - 1, "b_lags": inputs(*range(n)), "z_lags": (*inputs(0), *output)},

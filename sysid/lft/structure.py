@@ -224,7 +224,7 @@ def _checked_lags(field: str, given: Sequence[Lag]) -> tuple[Lag, ...]:
         fewest = 1 if signal == "y" else 0
         if delay < fewest:
             raise ModelError(
-                f"{field} holds {signal}(k{-delay:+d}): give a delay of at least {fewest}, for the model "
+                f"{field} holds {signal} with the delay {delay}: give at least {fewest}, for the model "
                 "predicts y from the past"
             )
         if (signal, delay) in found:
