@@ -20,6 +20,7 @@ from sysid.diagnosis.noise_colour import noise_of
 from sysid.diagnosis.scores import finite, nrmse_interval, score
 from sysid.diagnosis.structures import Choice, FittedParameter, Structure, StructureFit
 from sysid.errors import UsageError
+from sysid.progress import progress as bars_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -292,6 +293,8 @@ def diagnose(
     start: Mapping[str, float] | None = None,
     fixed: Mapping[str, float] | None = None,
     seed: int = 0,
+    jobs: int = 1,
+    progress: bool | None = False,
 ) -> Diagnosis:
     """Learn which physical effect a model lacks, and add it.
 
@@ -322,6 +325,10 @@ def diagnose(
         Uncertain and known values of a physical model's parameters.
     seed : int
         Of the simulated null distribution.
+    jobs : int
+        Candidates fitted at a time; the answer is the same for any number.
+    progress : bool or None
+        Whether to show on standard error what is being fitted; None does so on a terminal.
 
     Returns
     -------
@@ -351,6 +358,8 @@ def diagnose(
     """
     begun = time.perf_counter()
     _check(record, max_effects, alpha, accept)
+    if jobs < 1:
+        raise UsageError(f"jobs is {jobs}: give 1 or more")
     long = int(record.learning.sum()) > LONGEST and not hasattr(model, "offered")
     count = rows_for_one(record) if long and model != "linear" else 1
     part, chosen = record, record.learning
@@ -358,10 +367,12 @@ def diagnose(
         part, chosen = thinned(record, count) if count > 1 else shortened(record)
     structure = structure_of(part, model, order, initial_state, start, fixed)
     candidates = find_effects(effects if effects is not None else [e.name for e in _catalogue()])
-    search = Search(
-        structure, candidates, alpha=alpha, max_effects=max_effects, seed=seed, given=find_effects(add)
-    )
-    decision = search.decide()
+    with bars_of(progress) as bars:
+        search = Search(
+            structure, candidates, alpha=alpha, max_effects=max_effects, seed=seed, given=find_effects(add),
+            jobs=jobs, bars=bars,
+        )  # fmt: skip
+        decision = search.decide()
     kept = _kept(decision, accept)
     estimates = [decision.baseline, *search.rungs_of(decision, kept)]
     whole: Structure = structure

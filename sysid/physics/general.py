@@ -1,6 +1,7 @@
 """Runs of any physical model for diagnosis: effects at its input and output, none inside."""
 
 from collections.abc import Sequence
+from threading import Lock
 
 import numpy as np
 
@@ -44,6 +45,7 @@ class GeneralPlant:
         self.names = tuple(parameter.name for parameter in model.parameters)
         self.order, self.n_inputs = len(model.states), len(model.inputs)
         self._simulator = Simulator(model, period)
+        self._one_at_a_time = Lock()
 
     def substeps(self, values: Floats, largest: float) -> int:
         """Return the Runge-Kutta steps in a sample, as the model chooses them itself."""
@@ -66,11 +68,12 @@ class GeneralPlant:
         """Simulate several runs; laws are left out, and of the states only their size is told."""
         lanes = values.shape[0]
         signal = u[np.newaxis, :, np.newaxis] if u.ndim == 1 else (u[np.newaxis] if u.ndim == 2 else u)
-        self._simulator.substeps = substeps
-        runs = [
-            self._run(values[lane], signal[lane if signal.shape[0] > 1 else 0], starts, lane)
-            for lane in range(lanes)
-        ]
+        with self._one_at_a_time:  # the simulator holds the number of its steps
+            self._simulator.substeps = substeps
+            runs = [
+                self._run(values[lane], signal[lane if signal.shape[0] > 1 else 0], starts, lane)
+                for lane in range(lanes)
+            ]
         if states is not None:
             states[:] = np.array(runs)[:, :, np.newaxis]
         return np.array(runs)
