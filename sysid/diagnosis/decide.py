@@ -102,8 +102,36 @@ class Search(Evidence):
             return Decision(
                 "not-identifiable", baseline, (), (), (), (), self._noise(baseline), 1.0, 0.0, unknown
             )
-        fits = self._given_fits(baseline)
-        n_given = len(fits)
+        given = self._given_fits(baseline)
+        fits, trials, tie = self._grown(baseline, given, len(given))
+        decision = self._verdict(baseline, fits, trials, tie)
+        for trial in self._replacing(decision):
+            assert trial.fit is not None
+            others, _, _ = self._grown(baseline, [*given, trial.fit], len(given))
+            found = (trial, *(other for other in trials if other is not trial))
+            decision = min(decision, self._verdict(baseline, others, found, ()), key=lambda d: d.left_share)
+        return decision
+
+    def _replacing(self, decision: Decision) -> list[Trial]:
+        """Return laws of flow that are worth a search of their own where nothing explains.
+
+        They replace a law of the model, so they need not show beside an effect that was taken for them.
+        """
+        if decision.verdict != "unexplained" or decision.left_share <= 1.0 - LEAST_EXPLAINED:
+            return []
+        flows = {effect.name for effect in self.candidates if effect.port == "flow"}
+        return [
+            trial
+            for trial in decision.trials
+            if trial.name in flows - set(decision.rejected)
+            and trial.fit is not None
+            and self._accepted(trial, decision.baseline, decision.baseline, False)
+        ]
+
+    def _grown(
+        self, baseline: StructureFit, fits: list[StructureFit], n_given: int
+    ) -> tuple[list[StructureFit], tuple[Trial, ...], tuple[str, ...]]:
+        """Add effects while all evidence agrees; return the fits, the single candidates, and a tie."""
         trials: tuple[Trial, ...] = ()
         tie: tuple[str, ...] = ()
         while len(fits) < self.max_effects + n_given:
@@ -133,7 +161,7 @@ class Search(Evidence):
             if no_larger and self._own_criterion(grown) >= self._own_criterion(current):
                 break
             fits = self._rungs(grown, baseline, n_given)
-        return self._verdict(baseline, fits, trials, tie)
+        return fits, trials, tie
 
     def _given_fits(self, baseline: StructureFit) -> list[StructureFit]:
         fits: list[StructureFit] = []

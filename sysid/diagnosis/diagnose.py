@@ -11,10 +11,11 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.advice import advise
-from sysid.diagnosis.decide import NOISE_EFFECT, Search
+from sysid.diagnosis.decide import NOISE_EFFECT, TIED, Search
 from sysid.diagnosis.decision import Decision, Trial
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
+from sysid.diagnosis.evidence import block_separation
 from sysid.diagnosis.long_records import LONGEST, Portable, carried, rows_for_one, shortened, thinned
 from sysid.diagnosis.noise_colour import noise_of
 from sysid.diagnosis.scores import finite, nrmse_interval, score
@@ -461,7 +462,8 @@ def _ladder(
     The noise's memory from row to row is another where rows stood for several in the search: then the
     free-run error itself is minimised.
     """
-    record, noise = structure.record, WHITE if thin else decision.noise.polynomial
+    record = structure.record
+    noise = WHITE if thin else _weighting(structure, estimates[-1], decision.noise.polynomial)
     finals = []
     for fit in estimates:
         final = structure.fit(fit.choices, record.learning, noise, fit, effort=0)
@@ -482,6 +484,25 @@ def _ladder(
         removed = 0.0 if step == 0 else (errors[step - 1] - errors[step]) / explainable
         rungs.append(Rung(step, effect, DiagnosedModel(structure, final), scores, removed))
     return tuple(rungs)
+
+
+def _weighting(structure: Structure, fit: StructureFit, noise: Floats) -> Floats:
+    """Return the colour under which the last refit is made: none where plain errors foretell more.
+
+    What is left of a measured record is often no noise.  Then a fit that weighs it by a colour leaves some
+    free-run error, which held-out rows tell beyond chance.
+    """
+    if noise.size == 1:
+        return noise
+    record = structure.record
+    residuals = []
+    for colour in (WHITE, noise):
+        again = structure.fit(fit.choices, record.estimation, colour, fit, effort=0)
+        residuals.append((record.y[:, 0] - again.output)[record.validation])
+    if not np.isfinite(residuals[0]).all():
+        return noise
+    worse = not np.isfinite(residuals[1]).all() or block_separation(*residuals) > TIED
+    return WHITE if worse else noise
 
 
 def _score(record: Record, rows: Any, output: Floats) -> dict[str, Any]:

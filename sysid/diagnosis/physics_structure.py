@@ -240,7 +240,8 @@ class PhysicsStructure:
                 ends.sort(key=_cost)
         best, agree = ends[0], _agree(ends)
         if search is not problem:
-            best = problem.descend(self._moved(search, problem, best.x), EVALUATIONS[2], TOLERANCES[effort])
+            last = EVALUATIONS[2] if effort == 2 else TRIED
+            best = problem.descend(self._moved(search, problem, best.x), last, TOLERANCES[effort])
         return self._result(problem, best, agree or effort == 1)
 
     def _ends(
