@@ -9,7 +9,7 @@ from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
-from sysid.diagnosis.physics_laws import SWITCHES, has_law, with_level
+from sysid.diagnosis.physics_laws import SMOOTH_LAWS, SWITCHES, has_law, with_level
 from sysid.diagnosis.physics_problem import Problem, Setting
 from sysid.diagnosis.physics_search import Tangent, grid_starts, problem_point, refined
 from sysid.diagnosis.physics_starts import wide_starts
@@ -116,7 +116,8 @@ class PhysicsStructure:
         if effect.port == "force":
             # With a constant force of the model's own these two would be second names.
             doubled = bool(port.constant) and effect.name in ("asymmetric_friction", "constant_force")
-            return port.velocity is not None and not doubled
+            known = not self.general or effect.name in SMOOTH_LAWS
+            return port.velocity is not None and known and not doubled
         if self.general and effect.port == "gain":
             return False
         return effect.port != "flow" or bool(port.levels)
