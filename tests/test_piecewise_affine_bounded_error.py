@@ -9,6 +9,7 @@ from scipy.optimize import linprog
 
 from sysid.errors import IdentifiabilityError, UsageError
 from sysid.nonlinearities.piecewise_affine import (
+    ModesAgainstDelta,
     bounded_error,
     knee,
     label_error,
@@ -216,11 +217,18 @@ def test_the_knee_of_a_curve():
 
 
 def test_the_curve_is_drawn_with_its_knee():
-    z, w, _ = EXAMPLES["5.1"](seeded(), 100)
-    curve = modes_against_delta(z, w, [0.05, 0.1, 0.3, 0.5], rng=seeded(), runs=2)
+    curve = ModesAgainstDelta(np.array([0.1, 0.2, 0.4, 0.8]), np.array([9, 2, 2, 1]), np.zeros(4))
     axes = plot_modes_against_delta(curve)
     np.testing.assert_array_equal(axes.lines[0].get_ydata(), curve.modes)
     assert axes.lines[1].get_xdata() == [curve.knee]
-    assert axes.texts[0].get_text().startswith("knee: 2 modes")
+    assert axes.texts[0].get_text() == "knee: 2 modes at 0.2"
+
+
+def test_more_runs_never_need_more_modes():
+    z, w, _ = EXAMPLES["5.1"](seeded(), 100)
+    once = modes_against_delta(z, w, [0.1], rng=seeded())
+    assert modes_against_delta(z, w, [0.1], rng=seeded(), runs=5).modes[0] <= once.modes[0]
+    with pytest.raises(UsageError, match="runs is 0"):
+        modes_against_delta(z, w, [0.1], rng=seeded(), runs=0)
     with pytest.raises(UsageError, match="deltas are"):
         modes_against_delta(z, w, [0.0, 1.0], rng=seeded())
