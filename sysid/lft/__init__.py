@@ -1,6 +1,6 @@
 r"""Block-structured models with one static map inside a linear part (LFT models).
 
-`fit_lft` fits :math:`A(q) y = B(q) u + G(q) f(D(q) x) + e` with a spline f, chapter 4 of Pepona (2011):
+`fit_lft` fits :math:`A(q) y = B(q) u + G(q) f(D(q) x) + e` with a spline f, chapter 4 of Pepona (2009):
 Wiener, Hammerstein, Wiener-Hammerstein systems and maps that are fed the output are special cases.
 `fit_wiener_hammerstein` fits :math:`y = G_2 f(G_1 u)` by its simulation error, with poles on both
 sides of the map.

@@ -87,7 +87,7 @@ def by_support_vectors(z: Floats, labels: Labels, classes: int) -> Floats:
         from sklearn.svm import LinearSVC
     except ImportError as error:
         raise UsageError(
-            "separation 'svm' needs scikit-learn, which is not installed; install it, or take "
+            "separation 'svm' needs scikit-learn, which is not installed; install 'sysid[svm]', or take "
             "'linear-programming', which needs nothing more"
         ) from error
     multi = "crammer_singer" if classes > 2 else "ovr"
