@@ -14,7 +14,7 @@ from sysid.diagnosis.content import NORMAL_95
 from sysid.diagnosis.models import ParameterValue
 from sysid.diagnosis.residuals import CorrelationTest, whiteness
 from sysid.diagnosis.scores import finite
-from sysid.diagnosis.wording import percent, significant
+from sysid.diagnosis.wording import percent, quantity
 from sysid.lft.choice import LftChoice, choose_lft
 from sysid.lft.model import LftFit
 from sysid.lft.signals import signals_of
@@ -248,7 +248,7 @@ class LftJudged(Refitted):
         unit = self.units.get(fit.output, "")
         return (
             f"The map {shape} where {percent(INNER)} of its data lie; its 95 % band "
-            f"there reaches ± {significant(band, 2)}{' ' + unit if unit else ''} at most; {straight}."
+            f"there reaches ± {quantity(band, unit, 2)} at most; {straight}."
         )
 
     def _straightness(self, fit: LftFit) -> str:

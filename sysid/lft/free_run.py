@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Mask
 from sysid.errors import DataError, IdentifiabilityError, ModelError, UsageError
+from sysid.lft.estimate import one_thread
 from sysid.lft.model import LftFit
 from sysid.lft.sensitivities import run_with_sensitivities
 from sysid.lft.signals import Data, Indices, Signals, signals_of
@@ -76,8 +77,6 @@ def refine_free_run(
     >>> float(predicted.a[1].round(1)), float(simulated.a[1].round(1))
     (-0.7, -0.8)
     """
-    from threadpoolctl import threadpool_limits
-
     if initial_state not in ("measured", "rest", "available"):
         raise UsageError(f"initial_state is {initial_state!r}: choose measured, rest or available")
     problem = _Problem.of(data, start, rows, initial_state)
@@ -86,7 +85,7 @@ def refine_free_run(
             "the free run that was to be refined diverges: start from a model with fewer lags of the "
             "output, or with constant extrapolation"
         )
-    with threadpool_limits(1):
+    with one_thread():
         found = descend(problem.at, problem.start, tolerance=tolerance, max_evaluations=max_evaluations)
         model = problem.model(found.x)
         covariance, noise_std = problem.covariance(found.x, found.point.residual)
