@@ -57,13 +57,16 @@ def conditions(results: Results) -> Display:
         "separated",
         "joint",
         "joint, basis (4.16)",
-        "steps separated",
-        "joint",
-        "joint, (4.16)",
+        "steps: separated",
+        "steps: joint",
+        "steps: joint, (4.16)",
     ]
     keys = ("condition/kaufman", "condition/joint", "condition/joint-thesis-basis", "steps/separated",
             "steps/joint", "steps/joint-thesis-basis")  # fmt: skip
-    rows = [[case, *(f"{numbers[f'{case}/theory/{key}']:.3g}" for key in keys)] for case in setting.EXAMPLES]
+    rows = [
+        [case, *(display.number(numbers[f"{case}/theory/{key}"], digits=3) for key in keys)]
+        for case in setting.EXAMPLES
+    ]
     return display.table(
         rows,
         heads,
