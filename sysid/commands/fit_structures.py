@@ -141,7 +141,7 @@ EXTRAPOLATION = Option(
 LFT = Structure(
     "lft",
     "A(q) y = B(q) u + G(q) f(z) + e with a spline f of lagged inputs and outputs z: Wiener, Hammerstein, "
-    "Wiener-Hammerstein systems and maps that are fed the output, by one-step prediction error",
+    "Wiener-Hammerstein systems and maps that are fed the output",
     (
         Option(
             "--z",
@@ -171,13 +171,57 @@ LFT = Structure(
             "exact|kaufman",
             "of the separated problem (default: exact)",
         ),
+        Option(
+            "--criterion",
+            "criterion",
+            one_of("one-step", "free-run"),
+            "one-step|free-run",
+            "error that the fit minimises (default: chosen by the validation error)",
+        ),
         STARTS,
         SEED,
     ),
     "sysid.diagnosis.lft_model:fit_lft_structure",
 )
 
-STRUCTURES: tuple[Structure, ...] = (LFT,)
+
+def order_pair(text: str) -> tuple[int, int]:
+    """Return the orders of two blocks; one number stands for both.
+
+    Examples
+    --------
+    >>> order_pair("3,4"), order_pair("2")
+    ((3, 4), (2, 2))
+    """
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) > 2 or not all(part.isdigit() for part in parts):
+        raise UsageError("give the orders of the front and the back block, as 3,3")
+    return int(parts[0]), int(parts[-1])
+
+
+WIENER_HAMMERSTEIN = Structure(
+    "wiener-hammerstein",
+    "y = G2(q) f(G1(q) u) with a spline f and poles on both sides, by simulation error",
+    (
+        Option(
+            "--orders", "orders", order_pair, "N1,N2", "of the front and the back block (default: chosen)"
+        ),
+        KNOTS,
+        DEGREE,
+        EXTRAPOLATION,
+        Option(
+            "--oversampling",
+            "oversampling",
+            whole(1),
+            "R",
+            "the map acts at R points in a sampling period, found by interpolation (default: chosen, 1 or 2)",
+        ),
+        Option("--delay", "delay", whole(0), "N", "samples by which the input is late (default: 0)"),
+    ),
+    "sysid.diagnosis.wiener_hammerstein_model:fit_wiener_hammerstein_structure",
+)
+
+STRUCTURES: tuple[Structure, ...] = (LFT, WIENER_HAMMERSTEIN)
 
 
 def find_structure(name: str) -> Structure:

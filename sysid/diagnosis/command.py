@@ -62,8 +62,9 @@ def add_model_arguments(parser: argparse.ArgumentParser) -> None:
         "--model",
         metavar="linear|NAME|FILE.toml|MODULE:CLASS",
         default="linear",
-        help="linear (default), state-space, hammerstein-<map> (as hammerstein-saturation), a physical model "
-        "that `sysid models` lists, or one of your own",
+        help="linear (default), state-space, hammerstein-<map> (as hammerstein-saturation), local-linear (or "
+        "local-linear-3 for three of them), wiener-hammerstein, a physical model that `sysid models` lists, "
+        "or one of your own",
     )
     group.add_argument(
         "--order", metavar="N", type=int, help="order of the linear model (default: chosen from the data)"

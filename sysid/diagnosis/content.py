@@ -75,6 +75,7 @@ def content_of(comparison: "Comparison") -> Content:
         Section("Scores", tables=(_scores(comparison),), paragraphs=_score_notes(comparison)),
         Section("Measured and modelled", pictures=drawn["run"]),
         Section("The map", pictures=drawn["maps"]),
+        Section("The linear blocks", pictures=drawn["blocks"]),
         Section(
             "Where it fails",
             paragraphs=_where_paragraphs(comparison),

@@ -56,6 +56,7 @@ def pictures(comparison: "Comparison") -> dict[str, list[Picture]]:
     found: dict[str, list[Picture]] = {
         "run": [_picture(comparison, overview, 4.3), _picture(comparison, worst_stretch, 4.6)],
         "maps": map_pictures(comparison.model),
+        "blocks": block_pictures(comparison.model),
         "where": [],
         "ports": port_pictures(comparison.ports),
         "tests": [],
@@ -91,6 +92,16 @@ def map_pictures(model: "FittedModel") -> list[Picture]:
     if not isinstance(model, Mapped):
         return []
     return [drawn_picture(partial(map_figure, view)) for view in model.maps()]
+
+
+def block_pictures(model: "FittedModel") -> list[Picture]:
+    """Draw the frequency responses of the model's linear blocks, if it has several."""
+    from sysid.diagnosis.figures_blocks import blocks_figure
+    from sysid.diagnosis.models import Responding
+
+    if not isinstance(model, Responding):
+        return []
+    return [drawn_picture(partial(blocks_figure, model.responses()))]
 
 
 Drawer = Callable[["Comparison", float, float], tuple[Any, str, str]]

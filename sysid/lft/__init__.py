@@ -1,12 +1,14 @@
 r"""Block-structured models with one static map inside a linear part (LFT models).
 
-`fit_lft` fits :math:`A(q) y = B(q) u + G(q) f(D(q) x) + e` with a spline f, chapter 4 of Pepona (2011):
+`fit_lft` fits :math:`A(q) y = B(q) u + G(q) f(D(q) x) + e` with a spline f, chapter 4 of Pepona (2009):
 Wiener, Hammerstein, Wiener-Hammerstein systems and maps that are fed the output are special cases.
-`fit_wiener_hammerstein` fits :math:`y = G_2 f(G_1 u)` by its simulation error, with poles on both sides of the map.
+`fit_wiener_hammerstein` fits :math:`y = G_2 f(G_1 u)` by its simulation error, with poles on both
+sides of the map.
 """
 
 from sysid.lft.estimate import fit_lft
 from sysid.lft.files import load, save
+from sysid.lft.free_run import refine_free_run
 from sysid.lft.initial import InitialEstimate, initial_estimate
 from sysid.lft.linear_block import LinearBlock
 from sysid.lft.model import LftFit, LftModel
@@ -39,5 +41,6 @@ __all__ = [
     "lags",
     "load",
     "printed_search",
+    "refine_free_run",
     "save",
 ]

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import DataError, SysidError, UsageError
+from sysid.lft import wiener_hammerstein_files
 from sysid.lft.model import LftModel
 from sysid.lft.structure import LftStructure
+from sysid.lft.wiener_hammerstein_model import WienerHammerstein
 from sysid.nonlinearities.spline import Spline
 
 KIND, SCHEMA = "sysid-lft-model", 1
@@ -35,8 +37,8 @@ def save(model: LftModel, path: str | Path) -> None:
         raise UsageError(f"{path} cannot be written ({problem.strerror}): choose another place") from None
 
 
-def load(path: str | Path) -> LftModel:
-    """Read a model that `save` wrote.
+def load(path: str | Path) -> LftModel | WienerHammerstein:
+    """Read a model that `save`, or `--save` on the command line, wrote.
 
     Raises
     ------
@@ -57,7 +59,10 @@ def load(path: str | Path) -> LftModel:
     True
     """
     try:
-        return from_json(json.loads(Path(path).read_text(encoding="utf-8")))
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        if content["kind"] == wiener_hammerstein_files.KIND:
+            return wiener_hammerstein_files.from_json(content)
+        return from_json(content)
     except OSError as problem:
         raise DataError(f"{path} cannot be read ({problem.strerror}): give a saved model") from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as problem:

@@ -27,7 +27,7 @@ def lags(signal: str, *delays: int) -> tuple[Lag, ...]:
 
 @dataclass(frozen=True)
 class LftStructure:
-    r"""Orders and lags of an LFT model, eq. (4.10) of Pepona (2011).
+    r"""Orders and lags of an LFT model, eq. (4.10) of Pepona (2009).
 
     .. math:: A(q) y(k) = B(q) u(k) + G(q) w(k) + e(k), \quad w = f(z), \quad z(k) = D(q) x(k)
 
@@ -224,7 +224,7 @@ def _checked_lags(field: str, given: Sequence[Lag]) -> tuple[Lag, ...]:
         fewest = 1 if signal == "y" else 0
         if delay < fewest:
             raise ModelError(
-                f"{field} holds {signal}(k{-delay:+d}): give a delay of at least {fewest}, for the model "
+                f"{field} holds {signal} with the delay {delay}: give at least {fewest}, for the model "
                 "predicts y from the past"
             )
         if (signal, delay) in found:

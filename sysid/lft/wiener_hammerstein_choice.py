@@ -19,9 +19,11 @@ from sysid.lft.wiener_hammerstein import (
 from sysid.lft.wiener_hammerstein_fit import WienerHammersteinFit
 from sysid.lft.wiener_hammerstein_model import WienerHammerstein
 from sysid.lft.wiener_hammerstein_search import COARSE_STEP, LEADING_ROWS, Found, Screening, refine, search
+from sysid.lft.wiener_hammerstein_start import run_from
 from sysid.linear.forms import Floats
 from sysid.linear.output_error import make_segments, shortened
 from sysid.linear.selection import PRACTICAL_SHARE, VALIDATION_BLOCKS, standard_error
+from sysid.linear.simulation import first_rows
 from sysid.nonlinearities.spline import Extrapolation
 
 LARGEST_EQUAL_ORDER = 4
@@ -169,7 +171,12 @@ class _Chooser:
     def orders(self, knots: int | None) -> _Trial:
         """Try equal orders and then the neighbours of the best."""
         intervals = COMPARED_INTERVALS if knots is None else knots
-        self._tried([(n, n) for n in range(1, LARGEST_EQUAL_ORDER + 1)], intervals)
+        for n in range(1, LARGEST_EQUAL_ORDER + 1):
+            before = min((t.candidate.validation_rms for t in self.trials), default=np.inf)
+            self._tried([(n, n)], intervals, final=n == LARGEST_EQUAL_ORDER)
+            now = min((t.candidate.validation_rms for t in self.trials), default=np.inf)
+            if now > before * (1.0 - PRACTICAL_SHARE):
+                break
         front, back = self._simplest(self.trials).candidate.orders
         near = [(front - 1, back), (front, back - 1), (front + 1, back), (front, back + 1)]
         self._tried([pair for pair in near if sum(pair) > 0], intervals)
@@ -211,7 +218,8 @@ class _Chooser:
         chosen = self._simplest([trial for trial, _ in found])
         return next(pair for pair in found if pair[0] is chosen)
 
-    def _tried(self, pairs: list[tuple[int, int]], intervals: int) -> None:
+    def _tried(self, pairs: list[tuple[int, int]], intervals: int, final: bool = True) -> None:
+        """Try orders that were not tried; where none could be fitted in the end, say why."""
         problem: SysidError | None = None
         for pair in pairs:
             if any(trial.candidate.orders == pair for trial in self.trials):
@@ -220,7 +228,7 @@ class _Chooser:
                 self.trial(pair, intervals)
             except SysidError as caught:
                 problem = caught
-        if not self.trials and problem is not None:
+        if final and not self.trials and problem is not None:
             raise problem
 
     def _compared(self, found: Found, screening: Screening, intervals: int) -> _Trial:
@@ -228,7 +236,11 @@ class _Chooser:
         squares = []
         for part in record.slices:
             if record.validation[part].any():
-                error = record.y[part, 0] - model.simulate(record.u[part, 0])
+                u, y = record.u[part, 0], record.y[part, 0]
+                if record.estimation[part].any() or model.resting:
+                    error = y - model.simulate(u)
+                else:  # a run of its own begins in a state of its own
+                    error = y - run_from(model, u, y, first_rows(y, 0, sum(model.orders))[0], found.rms)
                 squares.append(error[record.validation[part]] ** 2)
         squared = np.concatenate(squares)
         rms = float(np.sqrt(squared.mean()))

@@ -17,15 +17,16 @@ from sysid.separable.descent import Minimum, descend
 
 SCREENING_ROWS = 8_000
 LEADING_ROWS = 20_000
-SCREENING_INTERVALS = 12
+SCREENING_INTERVALS, LEADING_INTERVALS = 12, 24
 SEARCHED_STARTS = 12
 LEADING = 3
 SCREENING_EVALUATIONS = 25
 EVALUATIONS = 80
 # A search stops when its next step is below this share of a standard error.
 COARSE_STEP, FINE_STEP = 0.03, 1e-3
-# Two searches agree when their errors differ by less than this share.
-AGREEMENT = 1e-2
+# Two searches agree when their errors differ by less than this share: knots follow the range of the map's
+# input, so that the same minimum comes with slightly different maps.
+AGREEMENT = 5e-2
 LARGEST_REFLECTION = 1.0 - 1e-6
 ROUNDS = 2
 
@@ -78,7 +79,7 @@ def screen(
         if progress is not None:
             progress(count + 1, len(starts) + LEADING)
     ends.sort(key=lambda end: end.rms)
-    leading = [search(more, end.model, SCREENING_INTERVALS, COARSE_STEP) for end in ends[:LEADING]]
+    leading = [search(more, end.model, LEADING_INTERVALS, COARSE_STEP) for end in ends[:LEADING]]
     leading.sort(key=lambda end: end.rms)
     best = leading[0]
     near = [end for end in leading if end.rms <= (1.0 + AGREEMENT) * best.rms]
