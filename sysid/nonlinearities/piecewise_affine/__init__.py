@@ -1,0 +1,24 @@
+"""Piecewise affine maps and three interchangeable ways to fit them to points (z, w).
+
+* `KPlane`: clustering by residuals with restarts, then polyhedral regions;
+* `GlobalSearch`: exact for scalar z and for two modes in the plane, otherwise many descents.
+
+Each is a `Stage`, called with (z, w, rng), and returns a `PiecewiseAffineFit`.
+"""
+
+from sysid.nonlinearities.piecewise_affine.fit import PiecewiseAffineFit, Stage, label_error
+from sysid.nonlinearities.piecewise_affine.global_search import global_search
+from sysid.nonlinearities.piecewise_affine.k_plane import k_plane
+from sysid.nonlinearities.piecewise_affine.map import PiecewiseAffineMap
+from sysid.nonlinearities.piecewise_affine.stages import GlobalSearch, KPlane
+
+__all__ = [
+    "GlobalSearch",
+    "KPlane",
+    "PiecewiseAffineFit",
+    "PiecewiseAffineMap",
+    "Stage",
+    "global_search",
+    "k_plane",
+    "label_error",
+]
