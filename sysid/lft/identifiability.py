@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import IdentifiabilityError
-from sysid.lft.piecewise import Lag, PiecewiseStructure
+from sysid.lft.piecewise import PiecewiseStructure
+from sysid.lft.structure import Lag
 
 Floats = NDArray[np.float64]
 

@@ -9,12 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from sysid._compile import compiled
 from sysid.errors import DataError, ModelError
+from sysid.lft.structure import Lag
 from sysid.nonlinearities.piecewise_affine import PiecewiseAffineMap
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-Lag = tuple[str, int]
-"""A signal, ``"u"`` or ``"y"``, and its delay in samples."""
 
 
 @dataclass(frozen=True)
