@@ -9,6 +9,7 @@ from piecewise_affine_cases import EXAMPLES, THETA_2, two_modes
 
 from sysid.errors import IdentifiabilityError, UsageError
 from sysid.nonlinearities.piecewise_affine import (
+    BoundedError,
     GlobalSearch,
     KPlane,
     PiecewiseAffineMap,
@@ -17,7 +18,11 @@ from sysid.nonlinearities.piecewise_affine import (
     label_error,
 )
 
-STAGES = {"k-plane": KPlane(2), "global": GlobalSearch(2, exact_up_to=300)}
+STAGES = {
+    "bounded-error": BoundedError(0.3),
+    "k-plane": KPlane(2),
+    "global": GlobalSearch(2, exact_up_to=300),
+}
 
 
 def seeded(seed=0):
@@ -91,9 +96,9 @@ def test_the_descent_finds_what_the_exact_search_proves():
     from sysid.nonlinearities.piecewise_affine.points import Points
 
     for example in ("5.2", "5.3"):
-        z, w, _ = EXAMPLES[example](seeded(3), 200)
+        z, w, _ = EXAMPLES[example](seeded(3), 120)
         exact = global_search(z, w, 2)
-        found = _by_descent(Points.of(z, w, who="test"), 2, 4, seeded(), 20)
+        found = _by_descent(Points.of(z, w, who="test"), 2, 4, seeded(), 10)
         assert found.cost == pytest.approx(exact.cost, rel=1e-9)
 
 
@@ -104,7 +109,7 @@ def test_the_descent_finds_what_the_exact_search_proves():
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_without_noise_the_map_is_recovered(stage, example):
     z, w, truth = EXAMPLES[example](seeded(1), 400, noise=0.0)
-    fit = STAGES[stage](z, w, seeded())
+    fit = (BoundedError(1e-6) if stage == "bounded-error" else STAGES[stage])(z, w, seeded())
     assert label_error(fit.labels, truth) == 0.0
     np.testing.assert_allclose(fit.map(z), w, atol=1e-12)  # QR of a few hundred rows
     if example == "5.2":
@@ -117,11 +122,12 @@ def test_without_noise_the_map_is_recovered(stage, example):
 )
 def test_under_noise_few_points_are_misplaced(stage, example, n, least):
     """The share of successes over 100 runs; 5.1 has a kink, near which no label can be told."""
-    errors = []
+    good = 0
     for seed in range(100):
         z, w, truth = EXAMPLES[example](seeded(1000 + seed), n)
-        errors.append(label_error(STAGES[stage](z, w, seeded(seed)).labels, truth))
-    assert np.mean(np.array(errors) < 0.05) >= least
+        fit = STAGES[stage](z, w, seeded(seed))
+        good += fit.modes == 2 and label_error(fit.labels, truth) < 0.05
+    assert good >= 100 * least
 
 
 def test_three_modes_of_three_inputs():
@@ -139,7 +145,7 @@ def test_a_vector_valued_map():
     z, w, truth = EXAMPLES["5.2"](seeded(4), 300)
     other = two_modes(z, [[0.1, 0.2, 0.3], [-0.1, 0.0, 0.9]], [1.5, -0.5, 1.0])[0]
     both = np.column_stack([w, other])
-    for stage in STAGES.values():
+    for name, stage in STAGES.items():
         fit = stage(z, both, seeded())
         assert fit.map.theta.shape == (2, 3, 2)
         assert fit.values.shape == both.shape
@@ -147,7 +153,7 @@ def test_a_vector_valued_map():
         # With all outputs in one column twice, nothing changes but the cost.
         once, twice = stage(z, w, seeded()), stage(z, np.column_stack([w, w]), seeded())
         np.testing.assert_array_equal(once.labels, twice.labels)
-        assert twice.cost == pytest.approx(2 * once.cost, rel=1e-9)
+        assert twice.cost == pytest.approx(2 * once.cost, rel=1e-9 if name != "bounded-error" else 0.05)
 
 
 # What a fit promises ----------------------------------------------------------------------------------
@@ -177,7 +183,8 @@ def test_the_same_seed_gives_the_same_map(stage):
 def test_units_do_not_matter(stage):
     z, w, _ = EXAMPLES["5.2"](seeded(7), 300)
     one = STAGES[stage](z, w, seeded(1))
-    other = STAGES[stage](z * [1e6, 1e-4] + [3e6, 2.0], 1e5 * w - 7e5, seeded(1))
+    other = BoundedError(0.3e5) if stage == "bounded-error" else STAGES[stage]
+    other = other(z * [1e6, 1e-4] + [3e6, 2.0], 1e5 * w - 7e5, seeded(1))
     np.testing.assert_array_equal(one.labels, other.labels)
     assert other.rmse == pytest.approx(1e5 * one.rmse, rel=1e-6)
 
@@ -185,7 +192,7 @@ def test_units_do_not_matter(stage):
 # Points that cannot be used -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("stage", [KPlane(2), GlobalSearch(2)])
+@pytest.mark.parametrize("stage", [BoundedError(0.1), KPlane(2), GlobalSearch(2)])
 def test_what_cannot_be_fitted_is_said_in_one_sentence(stage):
     z, w = seeded().standard_normal((40, 2)), seeded(1).standard_normal(40)
     with pytest.raises(IdentifiabilityError, match="column 2 of z is constant at 3"):
@@ -194,8 +201,9 @@ def test_what_cannot_be_fitted_is_said_in_one_sentence(stage):
         stage(np.column_stack([z[:, 0], 1 - 2 * z[:, 0]]), w, seeded())
     with pytest.raises(IdentifiabilityError, match="3 points cannot determine"):
         stage(z[:3], w[:3], seeded())
-    with pytest.raises(IdentifiabilityError, match="too few for 2 modes of 4 points"):
-        stage(z[:7], w[:7], seeded())
+    if not isinstance(stage, BoundedError):
+        with pytest.raises(IdentifiabilityError, match="too few for 2 modes of 4 points"):
+            stage(z[:7], w[:7], seeded())
     with pytest.raises(UsageError, match="z has 40 points and w has 39"):
         stage(z, w[:-1], seeded())
     with pytest.raises(UsageError, match="w is not finite at point 5"):

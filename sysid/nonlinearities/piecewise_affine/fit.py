@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from sysid.errors import UsageError
 from sysid.nonlinearities.piecewise_affine.kernels import centred
 from sysid.nonlinearities.piecewise_affine.map import PiecewiseAffineMap
-from sysid.nonlinearities.piecewise_affine.points import Points
+from sysid.nonlinearities.piecewise_affine.points import Points, regions_of
 
 Floats = NDArray[np.float64]
 Labels = NDArray[np.intp]
@@ -24,19 +24,19 @@ class PiecewiseAffineFit:
     map : PiecewiseAffineMap
         Its modes are in the order of the mean of z's first column.
     labels : ndarray of int, shape (n_points,)
-        Mode of each point, from zero; -1 for a point that no submodel explains (`bounded_error`).
+        Mode of each point, from zero: that of the region it lies in.
     values : ndarray, shape of w
         The map at the points.
     cost : float
         Sum of squares of w - values over all points.
     status : str
         How the search ended, what is guaranteed, and what to do where something is wrong.
+    outliers : ndarray of bool, shape (n_points,)
+        Points that their submodel does not explain within the bound (`bounded_error` only).
     exact : bool
         True where no other map of this structure fits better.
     agreement : float
         Share of the restarts that ended in this solution; 1 for an exact search.
-    outlier_share : float
-        Share of points that no submodel explains.
     """
 
     map: PiecewiseAffineMap
@@ -44,14 +44,19 @@ class PiecewiseAffineFit:
     values: Floats
     cost: float
     status: str
+    outliers: NDArray[np.bool_]
     exact: bool = False
     agreement: float = 1.0
-    outlier_share: float = 0.0
 
     @property
     def modes(self) -> int:
         """Number of submodels."""
         return self.map.modes
+
+    @property
+    def outlier_share(self) -> float:
+        """Share of the points that their submodel does not explain within the bound."""
+        return float(self.outliers.mean())
 
     @property
     def rmse(self) -> float:
@@ -109,50 +114,74 @@ def finished(
     With ``centring``, directions of shape (n, n_z + 1), the separators are first moved to the middle of
     what leaves all points where they are.
     """
-    modes = separators.shape[0]
-    if centring is not None and modes > 1:
-        if points.n_z == 1:
-            middle = _midpoints(points, separators)
-        else:
-            middle = centred(points.z, separators, centring)
-        before, after = region_labels(points, separators), region_labels(points, middle)
-        separators = middle if label_error(after, before) == 0.0 else separators
-    order = np.argsort(first_means(points, region_labels(points, separators), modes), kind="stable")
-    separators = separators[order]
+    if centring is not None:
+        separators = in_the_middle(points, separators, centring)
     labels = region_labels(points, separators)
-    theta = points.polished(labels, modes)
-    found = points.in_units(theta, separators)
+    return assembled(points, separators, None, labels, status, exact=exact, agreement=agreement)
+
+
+def assembled(
+    points: Points,
+    separators: Floats,
+    owners: Labels | None,
+    fitted: Labels,
+    status: str,
+    *,
+    exact: bool = False,
+    agreement: float = 1.0,
+    outliers: NDArray[np.bool_] | None = None,
+) -> PiecewiseAffineFit:
+    """Return the fit of given separators whose submodels are fitted to the points labelled ``fitted``.
+
+    A negative label leaves a point out.  Modes are put in order of the mean of z's first column.
+    """
+    owners = np.arange(separators.shape[0]) if owners is None else owners
+    modes = int(owners.max()) + 1
+    order = np.argsort(first_means(points, owners[region_labels(points, separators)], modes), kind="stable")
+    place = np.argsort(order)
+    owners, fitted = place[owners], np.where(fitted >= 0, place[np.maximum(fitted, 0)], -1)
+    rows = np.argsort(owners, kind="stable")
+    theta = points.polished(fitted, modes)
+    found = points.in_units(theta, separators[rows], owners[rows])
     labels = found.mode(points.original_z)  # a point on a border may change sides by rounding
     costs = points.costs(theta)[np.arange(points.n), labels]
-    values = found(points.original_z)
     return PiecewiseAffineFit(
         found,
         labels,
-        values,
+        found(points.original_z),
         float(costs.sum() * points.unit**2),
-        status + _thin(points, labels, modes),
+        status + _thin(points, fitted, modes),
+        np.zeros(points.n, dtype=np.bool_) if outliers is None else outliers,
         exact,
         agreement,
     )
 
 
+def in_the_middle(points: Points, separators: Floats, ways: Floats, kept: Labels | None = None) -> Floats:
+    """Return separators in the middle of those that leave all points, or those ``kept``, where they are."""
+    if separators.shape[0] < 2:
+        return separators
+    z = points.z if kept is None else np.ascontiguousarray(points.z[kept])
+    middle = _midpoints(z, separators) if points.n_z == 1 else centred(z, separators, ways)
+    before, after = regions_of(z, separators), regions_of(z, middle)
+    return middle if label_error(after, before) == 0.0 else separators
+
+
 def region_labels(points: Points, separators: Floats) -> Labels:
     """Return the region of each point."""
-    from sysid.nonlinearities.piecewise_affine.kernels import fill_regions
-
-    labels = np.empty(points.n, dtype=np.intp)
-    fill_regions(points.z, separators, labels)
-    return labels
+    return regions_of(points.z, separators)
 
 
-def _midpoints(points: Points, separators: Floats) -> Floats:
-    """Return separators of a scalar z that change at midpoints between neighbours, from left to right."""
-    order = np.argsort(points.z[:, 0], kind="stable")
-    z, labels = points.z[order, 0], region_labels(points, separators)[order]
+def _midpoints(z: Floats, separators: Floats) -> Floats:
+    """Return separators of a scalar z that change at midpoints between neighbours, in the same order."""
+    order = np.argsort(z[:, 0], kind="stable")
+    ascending, labels = z[order, 0], regions_of(z, separators)[order]
     changes = np.flatnonzero(labels[1:] != labels[:-1])
     if changes.size != separators.shape[0] - 1:
         return separators
-    return line_separators(0.5 * (z[changes] + z[changes + 1]))
+    rows = line_separators(0.5 * (ascending[changes] + ascending[changes + 1]))
+    names = np.append(labels[changes], labels[-1])
+    return rows[np.argsort(names)]
 
 
 def line_separators(tau: Floats) -> Floats:

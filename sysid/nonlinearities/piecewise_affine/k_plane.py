@@ -78,16 +78,11 @@ def k_plane(
             best_rows, best_cost = rows, cost
     reached = float(np.mean(costs <= costs.min() * (1.0 + 1e-6) + 1e-18 * points.n))
     if best_rows is None:
-        one_mode = finished(points, np.zeros((1, points.n_z + 1)), "")
-        return PiecewiseAffineFit(
-            one_mode.map,
-            one_mode.labels,
-            one_mode.values,
-            one_mode.cost,
+        status = (
             f"no clustering of {modes} modes could be parted by hyperplanes with {least} points in each "
-            "region, so one affine map is returned: ask for fewer modes",
-            agreement=reached,
+            "region, so one affine map is returned: ask for fewer modes"
         )
+        return finished(points, np.zeros((1, points.n_z + 1)), status, agreement=reached)
     status = f"{reached:.0%} of {restarts} restarts agree on the best clustering"
     if reached * restarts < 2 and restarts > 1:
         status += "; a better one may exist: take more restarts or fewer modes"

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import IdentifiabilityError, UsageError
-from sysid.nonlinearities.piecewise_affine.kernels import fill_costs, fit_modes
+from sysid.nonlinearities.piecewise_affine.kernels import fill_costs, fill_regions, fit_modes
 from sysid.nonlinearities.piecewise_affine.map import PiecewiseAffineMap
 
 Floats = NDArray[np.float64]
@@ -162,6 +162,13 @@ class Points:
         normals = separators[:, :-1] / self.spread
         rows = np.column_stack([normals, separators[:, -1] - normals @ self.centre])
         return PiecewiseAffineMap(full[:, :, 0] if self.scalar else full, rows, owners)  # type: ignore[arg-type]
+
+
+def regions_of(z: Floats, separators: Floats) -> Labels:
+    """Return the region of each point."""
+    regions = np.empty(z.shape[0], dtype=np.intp)
+    fill_regions(z, separators, regions)
+    return regions
 
 
 def _matrix(values: ArrayLike, name: str, who: str) -> Floats:

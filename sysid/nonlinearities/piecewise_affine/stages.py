@@ -5,9 +5,49 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sysid.nonlinearities.piecewise_affine.bounded_error import bounded_error
 from sysid.nonlinearities.piecewise_affine.fit import PiecewiseAffineFit
 from sysid.nonlinearities.piecewise_affine.global_search import global_search
 from sysid.nonlinearities.piecewise_affine.k_plane import k_plane
+from sysid.nonlinearities.piecewise_affine.separation import Separation
+
+
+@dataclass(frozen=True)
+class BoundedError:
+    """`bounded_error` with its settings; ``delta`` is in the unit of w.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> z = np.linspace(-1, 1, 50)
+    >>> BoundedError(delta=0.01)(z, np.abs(z), np.random.default_rng(0)).map.theta[:, 0].round(9)
+    array([-1.,  1.])
+    """
+
+    delta: float
+    starts: int = 6
+    cycles: int = 15
+    neighbours: int = 10
+    merge: float = 0.02
+    discard: float = 0.02
+    rounds: int = 20
+    separation: Separation = "linear-programming"
+
+    def __call__(self, z: ArrayLike, w: ArrayLike, rng: np.random.Generator) -> PiecewiseAffineFit:
+        """Fit a map to the points."""
+        return bounded_error(
+            z,
+            w,
+            self.delta,
+            rng=rng,
+            starts=self.starts,
+            cycles=self.cycles,
+            neighbours=self.neighbours,
+            merge=self.merge,
+            discard=self.discard,
+            rounds=self.rounds,
+            separation=self.separation,
+        )
 
 
 @dataclass(frozen=True)
