@@ -98,7 +98,7 @@ def _switching() -> Erratum:
         "largest error of the prediction without noise in Example 5.3, of the largest output",
         _left(example, rows, present),
         _left(example, rows, _filtered(example, rows, example.model.map(rows.z))),
-        "As printed the mode of today acts on the arguments of the past; (5.13) switches each with its own time.",
+        "As printed today's mode acts on past arguments; (5.13) switches each with its own time.",
     )
 
 
@@ -121,7 +121,7 @@ def _last_lag() -> Erratum:
         "largest error of the prediction without noise in Example 5.3, of the largest output",
         _left(example, rows, printed),
         _left(example, rows, _filtered(example, rows, w)),
-        "The first argument is y(k-1) and comes n_g samples later; the lines above it and the input are right.",
+        "The first argument is y(k-1), n_g samples later; the lines above and the input are right.",
     )
 
 
@@ -178,7 +178,7 @@ def _necessity() -> Erratum:
         r"\text{one common regressor of } (\zeta_k, z_{k-l}) \Rightarrow \text{not identifiable}",
         r"\text{not identifiable} \Leftrightarrow G(q)\,\alpha^T\phi_k \in \mathrm{span}(\zeta_k)"
         r" \text{ for an } \alpha \neq 0",
-        "missing rank of the Jacobian for y = b u(k-2) + w(k) + g w(k-1), w(k) = f(u(k-1)), against the claim",
+        "missing rank of the Jacobian for y = b u(k-2) + w(k) + g w(k-1), w(k) = f(u(k-1)), not the claimed",
         abs(missing - float(not found.lemma)),
         abs(missing - float(not found.identifiable)),
         "The change of theta reaches y through all of G(q); the proof takes n_g = 0. Here u(k-2) is common, "

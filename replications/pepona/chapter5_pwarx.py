@@ -138,4 +138,3 @@ def mode_counts(example: Example, u: Floats, y: Floats) -> Integers:
     powers = range(example.structure.n_g + 1)
     codes = sum(labels[rows.now - lag] * modes**lag for lag in powers)
     return np.bincount(np.asarray(codes), minlength=modes ** len(powers))
-

@@ -9,13 +9,14 @@ from typing import Any
 from replications.errata import erratum_gates, erratum_numbers
 from replications.pepona.chapter import Chapter, Studies
 from replications.pepona.chapter4 import CHAPTER_4
+from replications.pepona.chapter5 import CHAPTER_5
 from replications.studies import protocol_gates
 from sysid.claims import Claim, judge, read
 from sysid.errors import UsageError
 from sysid.montecarlo import Task
 from sysid.replication import PaperResult, Session
 
-CHAPTERS: tuple[Chapter, ...] = (CHAPTER_4,)
+CHAPTERS: tuple[Chapter, ...] = (CHAPTER_4, CHAPTER_5)
 
 
 class Pepona:
