@@ -27,6 +27,7 @@ _PUBLIC = {
     "fit_physics": "sysid.physics",
     "identify_levels": "sysid.recursive",
     "fit_state_space": "sysid.linear",
+    "fit_wiener_hammerstein": "sysid.lft",
     "identify_wiener": "sysid.wiener",
     "load_model": "sysid.physics",
     "make_record": "sysid.data",

@@ -72,7 +72,7 @@ class Session:
     finished : callable
         Called with 1 when a study is done.
     timings : dict
-        Measured times [s]; filled by `timed`.
+        Measured times [s], filled by `timed`, and ratios of times; None for what could not be measured.
     failures : list
         The first failed runs of each case, with what it takes to repeat them.
     with_records : bool
@@ -84,7 +84,7 @@ class Session:
     smoke: bool
     runner: "Runner"
     finished: Callable[[int], None] = lambda done: None
-    timings: dict[str, float] = field(default_factory=dict)
+    timings: dict[str, float | None] = field(default_factory=dict)
     failures: list["Failed"] = field(default_factory=list)
     with_records: bool = False
 
@@ -119,7 +119,7 @@ class PaperResult:
     numbers: Mapping[str, float | None]
     notes: Mapping[str, str] = field(default_factory=dict)
 
-    def to_json(self, timings: Mapping[str, float]) -> dict[str, Any]:
+    def to_json(self, timings: Mapping[str, float | None]) -> dict[str, Any]:
         """Return the result as JSON types."""
         return {
             "claims": [claim.to_json() for claim in self.claims],

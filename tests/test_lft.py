@@ -373,7 +373,7 @@ def test_bad_use_is_one_sentence() -> None:
         fit_lft((u, y), LftStructure(z_lags=lags("v", 1)))
     with pytest.raises(ModelError, match="lags of the output belong to A"):
         LftStructure(b_lags=lags("y", 1))
-    with pytest.raises(ModelError, match="delay of at least 1"):
+    with pytest.raises(ModelError, match="the delay 0: give at least 1"):
         LftStructure(z_lags=lags("y", 0))
     with pytest.raises(ModelError, match="twice"):
         LftStructure(z_lags=lags("u", 1, 1))

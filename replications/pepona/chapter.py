@@ -2,9 +2,13 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from importlib.resources.abc import Traversable
 from typing import Any
 
 from replications.errata import Erratum
+from sysid.claims import read
 from sysid.gates import Gate
 from sysid.montecarlo import Study, Task
 from sysid.replication import Session
@@ -40,3 +44,16 @@ class Chapter:
     numbers: Callable[[Studies, Session], dict[str, float | None]]
     tables: Callable[[Studies, Session], dict[str, Any]]
     gates: Callable[[Studies, MonteCarlo, Numbers], list[Gate]]
+
+
+def claims_file() -> Traversable:
+    """Return the file of the printed values."""
+    return resources.files("replications") / "claims" / "pepona.toml"
+
+
+@cache
+def printed_values() -> Mapping[str, float]:
+    """Return the printed values that are numbers, by claim."""
+    return {
+        claim.id: float(claim.printed) for claim in read(claims_file()) if not isinstance(claim.printed, str)
+    }

@@ -231,6 +231,8 @@ def pwarx_numbers(studies: Studies) -> dict[str, float | None]:
             f"{case}/least_misplaced": float(np.min(study.column("misplaced"))),
             f"{case}/outliers_median": float(np.median(study.column("outliers"))),
         }
+    modes = studies["5.2/bounded-error"].column("modes")
+    found["5.2/bounded-error/modes_median"] = float(np.median(modes))
     for column in ("visited", "enough"):
         values = studies["5.3"].column(column)
         found[f"5.3/{column}_median"] = float(np.median(values))

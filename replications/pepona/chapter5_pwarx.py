@@ -6,24 +6,24 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from replications.pepona.chapter import printed_values
 from replications.pepona.chapter5_setting import EXAMPLES, Example
 from sysid.lft import rows_of
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-PRINTED_TABLE_5_2: Mapping[str, float] = {
-    "a1": -0.3904, "b1": 1.2041, "g1": -0.4914,
-    "theta1_1": 0.4940, "theta1_2": 1.0195, "theta1_3": -0.2826,
-    "theta2_1": -0.6766, "theta2_2": 1.5151, "theta2_3": -0.0095,
-}  # fmt: skip
-"""The estimates of Example 5.2 as printed."""
+ESTIMATES = tuple(name for name in EXAMPLES["5.2"].true if not name.startswith("h"))
 
-PRINTED_TABLE_5_3: Mapping[str, float] = {"1,1": 1.7109, "1,2": 2.1367, "2,1": 1.4323, "2,2": 1.5740}
-"""The last column of Table 5.3 as printed [%]."""
+PRINTED_TABLE_5_2 = {name: printed_values()[f"5.2/{name}"] for name in ESTIMATES}
+"""The estimates of Example 5.2 as printed."""
 
 PAIRS = tuple(product((1, 2), repeat=2))
 """The modes (i, j) of w(k) and w(k-1) in (5.28)."""
+
+
+PRINTED_TABLE_5_3 = {f"{i},{j}": printed_values()[f"table-5.3/lft/{i},{j}"] for i, j in PAIRS}
+"""The last column of Table 5.3 as printed [%]."""
 
 
 def submodel(values: Mapping[str, float], i: int, j: int) -> Floats:

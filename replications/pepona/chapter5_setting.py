@@ -7,6 +7,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from replications.pepona.chapter import claims_file
+from sysid.claims import read
 from sysid.lft import PiecewiseLft, PiecewiseStructure
 from sysid.nonlinearities.piecewise_affine import PiecewiseAffineMap
 
@@ -134,38 +136,20 @@ def noise_free_error(example: Example, model: PiecewiseLft, u: ArrayLike, y: Arr
     return float(np.sqrt(np.mean((model.one_step(u, y) - example.model.one_step(u, y))[first:] ** 2)))
 
 
-PRINTED: Mapping[str, tuple[str, str, float]] = {
-    **{
-        f"5.1/{name}": ("5.1", f"final/{name}", value)
-        for name, value in {"a1": -0.778, "alpha1": 0.976, "alpha2": -0.497, "tau": 0.091}.items()
-    },
-    "5.1/shift-first": ("5.1", "shift/first", 1.2),
-    "5.1/shift-last": ("5.1", "shift/last", 0.1),
-    "5.1/iterations": ("5.1/bounded-error", "iterations", 5),
-    "5.2/initial/a1": ("5.2", "initial/a1", -0.4645),
-    "5.2/initial/b1": ("5.2", "initial/b1", 1.2529),
-    "5.2/iterations": ("5.2/bounded-error", "iterations", 13),
-    **{
-        f"5.2/{name}": ("5.2", f"final/{name}", value)
-        for name, value in {
-            "a1": -0.3904, "b1": 1.2041, "g1": -0.4914,
-            "theta1_1": 0.4940, "theta1_2": 1.0195, "theta1_3": -0.2826,
-            "theta2_1": -0.6766, "theta2_2": 1.5151, "theta2_3": -0.0095, "h1": 1.4829, "h2": -0.4980,
-        }.items()
-    },
-    **{
-        f"5.2/direct/{pair}": ("5.2", f"direct/{pair}", value)
-        for pair, value in {"1,1": 8.7534, "1,2": 2.7883, "2,1": 9.6381, "2,2": 7.2664}.items()
-    },
-    "5.3/iterations": ("5.3", "iterations", 10),
-    **{
-        f"5.3/{name}": ("5.3", f"final/{name}", value)
-        for name, value in {
-            "theta1_1": 0.2099, "theta1_2": -0.8316, "theta1_3": -2.1680,
-            "theta2_1": -0.5014, "theta2_2": 0.2106, "theta2_3": 0.0334, "h1": 1.0006, "h2": 0.0054,
-        }.items()
-    },
-    "5.3/visited": ("5.3", "visited", 26),
-    "5.3/enough": ("5.3", "enough", 8),
-}  # fmt: skip
-"""Printed results of single experiments: case and column of our runs, and the value."""
+def printed_results() -> Mapping[str, tuple[str, str, float]]:
+    """Return the printed results of single experiments: case and column of our runs, and the value."""
+    found = {}
+    for claim in read(claims_file()):
+        if claim.id.startswith("5.") and claim.tolerance["type"] == "monte-carlo-band":
+            found[claim.id] = (*_cut(claim.number), float(claim.printed))
+    return found
+
+
+def _cut(number: str) -> tuple[str, str]:
+    """Return case and column of a number."""
+    case, _, column = number.partition("/")
+    stage, _, rest = column.partition("/")
+    return (f"{case}/{stage}", rest) if stage == "bounded-error" else (case, column)
+
+
+PRINTED = printed_results()

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from replications.errata import erratum_gates, erratum_numbers
-from replications.pepona.chapter import Chapter, Studies
+from replications.pepona.chapter import Chapter, Studies, claims_file
 from replications.pepona.chapter4 import CHAPTER_4
 from replications.pepona.chapter5 import CHAPTER_5
+from replications.pepona.records import record_result
 from replications.studies import protocol_gates
 from sysid.claims import Claim, judge, read
 from sysid.errors import UsageError
@@ -34,7 +35,7 @@ class Pepona:
     @property
     def claims_file(self) -> Traversable:
         """The printed values."""
-        return resources.files("replications") / "claims" / "pepona.toml"
+        return claims_file()
 
     @property
     def notebook(self) -> Path:
@@ -61,13 +62,16 @@ class Pepona:
                 numbers |= chapter.numbers(studies, session)
                 monte_carlo |= chapter.monte_carlo(studies)
                 tables |= chapter.tables(studies, session)
+        record = record_result(session)
+        numbers |= record.numbers
+        tables |= record.tables
         claims = [judged(claim, studies, numbers) for claim in read(self.claims_file)]
         gates = [
             *protocol_gates(studies, claims),
             *(gate for chapter in CHAPTERS for gate in chapter.gates(studies, monte_carlo, numbers)),
             *erratum_gates(found_errata),
         ]
-        return PaperResult(claims, gates, tables, monte_carlo, numbers)
+        return PaperResult(claims, gates, tables, monte_carlo, numbers, record.notes)
 
 
 paper = Pepona()
@@ -76,7 +80,9 @@ paper = Pepona()
 def judged(claim: Claim, studies: Studies, numbers: Mapping[str, float | None]) -> Claim:
     """Hold a claim against a number, or against the runs of a study for a Monte-Carlo band.
 
-    The number of a Monte-Carlo band names the case and a column of its runs, "4.3/final/a1".
+    The number of a Monte-Carlo band names the case and a column of its runs, "4.3/initial/a1".  The band
+    holds 95 % of the runs; one with a ``tolerance`` reaches that many half widths of the range of 16 to 84 %
+    from the median.
     """
     if claim.tolerance["type"] != "monte-carlo-band":
         value = numbers[claim.number]
@@ -85,6 +91,11 @@ def judged(claim: Claim, studies: Studies, numbers: Mapping[str, float | None]) 
     for cut in range(len(parts) - 1, 0, -1):
         case, column = "/".join(parts[:cut]), "/".join(parts[cut:])
         if case in studies and column in studies[case].columns:
-            low, middle, high = studies[case].quantile(column, [0.025, 0.5, 0.975])
-            return judge(claim, float(middle), (float(low), float(high)))
+            outer = "tolerance" not in claim.tolerance
+            edge = 0.025 if outer else 0.15865525
+            low, middle, high = (float(q) for q in studies[case].quantile(column, [edge, 0.5, 1.0 - edge]))
+            if not outer:
+                half = float(claim.tolerance["tolerance"]) * (high - low) / 2.0
+                low, high = middle - half, middle + half
+            return judge(claim, middle, (low, high))
     raise UsageError(f"claim {claim.id} names {claim.number!r}, which is no column of a study: correct it")

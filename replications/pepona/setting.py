@@ -70,8 +70,10 @@ class Example:
         Standard deviation of the noise.
     uniform : bool
         Whether the noise is uniform; normal otherwise.
+    a_sign : int
+        Sign of a1 of its table in A(q) = 1 + a1/q: 1, or -1 where the table means a1 y(k-1).
     true : mapping
-        The true values in the signs of the table of the thesis.
+        The true values in the signs of the table.
     """
 
     case: str
@@ -87,6 +89,7 @@ class Example:
     inputs: tuple[float, float]
     noise: float
     uniform: bool
+    a_sign: int
     true: Mapping[str, float]
 
     @property
@@ -101,17 +104,17 @@ UNIFORM_NOISE = 0.25
 EXAMPLES: Mapping[str, Example] = {
     "4.2": Example(
         "4.2", "Wiener system", wiener_map, wiener_slope, (-0.8944, 0.2683, -0.3578), 0.0, 0.0, 0.0,
-        12, 1000, (-0.7, 2.5), 0.1, False, {"d1": -0.8944, "d2": 0.2683, "d3": -0.3578},
+        12, 1000, (-0.7, 2.5), 0.1, False, 1, {"d1": -0.8944, "d2": 0.2683, "d3": -0.3578},
     ),
     # a1 is that of A(q) = 1 + a1/q, so that the system has +0.4 y(k-1).
     "4.3": Example(
         "4.3", "Wiener-Hammerstein system", arctangent, arctangent_slope, (0.53, -0.848), 0.4, 0.0, -0.5,
-        15, 1000, (-2.5, 2.5), 0.1, False, {"a1": -0.4, "d1": 0.53, "d2": -0.848, "g1": -0.5},
+        15, 1000, (-2.5, 2.5), 0.1, False, 1, {"a1": -0.4, "d1": 0.53, "d2": -0.848, "g1": -0.5},
     ),
     # a1 is that of (4.41a); g1 has the other sign than in print, where the system diverges.
     "4.4": Example(
         "4.4", "general LFT", bent, bent_slope, (), 0.4, 1.2, -0.5,
-        13, 500, (-2.5, 2.5), UNIFORM_NOISE / np.sqrt(3.0), True, {"a1": 0.4, "b1": 1.2, "g1": -0.5},
+        13, 500, (-2.5, 2.5), UNIFORM_NOISE / np.sqrt(3.0), True, -1, {"a1": 0.4, "b1": 1.2, "g1": -0.5},
     ),
 }  # fmt: skip
 
@@ -144,8 +147,9 @@ def respond(example: Example, u: Floats, e: Floats) -> Signals:
         z = np.convolve(u, [0.0, *example.d])[: u.size]
         w = example.function(z)
         driven = w + example.g * delayed(w) + example.b * delayed(u) + e
-        return Signals(u, _recursion(driven, example.a), z, w, e)
-    y, z, w = _looped(u, e, example.a, example.b, example.g)
+        return Signals(u, recursion(driven, example.a), z, w, e)
+    rest = np.zeros(4)
+    y, z, w = _looped(u, e, example.a, example.b, example.g, rest)
     return Signals(u, y, z, w, e)
 
 
@@ -155,7 +159,7 @@ def delayed(signal: Floats) -> Floats:
 
 
 @compiled
-def _recursion(driven: Floats, a: float) -> Floats:
+def recursion(driven: Floats, a: float) -> Floats:
     """Return y(k) = a y(k-1) + driven(k)."""
     y = np.empty_like(driven)
     last = 0.0
@@ -166,17 +170,30 @@ def _recursion(driven: Floats, a: float) -> Floats:
 
 
 @compiled
-def _looped(u: Floats, e: Floats, a: float, b: float, g: float) -> tuple[Floats, Floats, Floats]:
-    """Run Example 4.4, where z(k) = y(k-2) closes a loop around the map (4.41c)."""
+def _looped(
+    u: Floats, e: Floats, a: float, b: float, g: float, past: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Run Example 4.4 after y(-2), y(-1), u(-1), w(-1); z(k) = y(k-2) closes a loop around (4.41c)."""
     n = u.shape[0]
     y, z, w = np.zeros(n), np.zeros(n), np.zeros(n)
+    y2, y1, u1, w1 = past[0], past[1], past[2], past[3]
     for k in range(n):
-        z[k] = y[k - 2] if k >= 2 else 0.0
-        w[k] = np.abs(z[k] - 2.0) + 0.8 * np.arctan(z[k])
-        y[k] = w[k] + e[k]
-        if k >= 1:
-            y[k] += a * y[k - 1] + b * u[k - 1] + g * w[k - 1]
+        z[k] = y2
+        w[k] = np.abs(y2 - 2.0) + 0.8 * np.arctan(y2)
+        y[k] = a * y1 + b * u1 + w[k] + g * w1 + e[k]
+        y2, y1, u1, w1 = y1, y[k], u[k], w[k]
     return y, z, w
+
+
+def respond_after(example: Example, signals: Signals, n: int) -> Floats:
+    """Return the free run of the true system from sample n on, after measured signals and without noise."""
+    quiet = np.zeros(signals.u.size - n)
+    if example.d:
+        driven = (signals.w + example.g * delayed(signals.w))[n:]
+        driven[0] += example.a * signals.y[n - 1]
+        return recursion(driven, example.a)
+    past = np.array([signals.y[n - 2], signals.y[n - 1], signals.u[n - 1], signals.w[n - 1]])
+    return _looped(signals.u[n:], quiet, example.a, example.b, example.g, past)[0]
 
 
 def vaf(measured: Floats, modelled: Floats) -> float:

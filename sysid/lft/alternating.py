@@ -100,7 +100,9 @@ class GivenRegions:
         found = PiecewiseAffineMap(theta, self.map.separators, self.map.owners)
         values = found(points)
         cost = float(np.sum((data - values) ** 2))
-        return PiecewiseAffineFit(found, labels, values, cost, "least squares in given regions", True)
+        explained = np.zeros(data.size, dtype=bool)
+        status = "least squares in given regions"
+        return PiecewiseAffineFit(found, labels, values, cost, status, outliers=explained, exact=True)
 
 
 def fit_alternating(

@@ -113,7 +113,7 @@ def fit_lft(
         costs = [search.cost for _, search in found]
         best, search = found[int(np.argmin(costs))]
         agree = int(np.sum(np.array(costs) <= min(costs) * (1.0 + _AGREEMENT)))
-        model = _model(signals, best, search, _ending(search, agree, starts))
+        model = _model(signals, best, search, agree, starts)
     reference = model.d * _rise(model) if start is None else begin[0][0]
     return model.oriented(reference)
 
@@ -171,14 +171,9 @@ def _search(
     return problem, replace(search, costs=costs)
 
 
-def _ending(search: SeparableFit, agree: int, starts: int) -> tuple[bool, str]:
-    sentence = search.status.value
-    if starts > 1:
-        sentence += f"; {agree} of {starts} searches ended at this cost"
-    return search.status.converged, sentence
-
-
-def _model(signals: Signals, problem: LftProblem, search: SeparableFit, ending: tuple[bool, str]) -> LftFit:
+def _model(
+    signals: Signals, problem: LftProblem, search: SeparableFit, agreeing: int, searches: int
+) -> LftFit:
     structure = problem.structure
     phi = problem.regressors(search.eta)
     _check_rank(problem, phi, search)
@@ -194,6 +189,7 @@ def _model(signals: Signals, problem: LftProblem, search: SeparableFit, ending: 
         *(f"c{i}" for i in range(1, change.shape[0] + 1)),
     )
     d = problem.direction(search.eta)
+    told = f"; {agreeing} of {searches} searches ended at this cost" if searches > 1 else ""
     return LftFit(
         structure=structure,
         inputs=signals.inputs,
@@ -212,9 +208,12 @@ def _model(signals: Signals, problem: LftProblem, search: SeparableFit, ending: 
         times=problem.times,
         z=problem.taps @ d,
         end_taps=problem.taps[list(basis.ends)],
+        straight_rms=_straight_rms(problem, search.eta),
         costs=search.costs,
-        converged=ending[0],
-        status=ending[1],
+        agreeing=agreeing,
+        searches=searches,
+        converged=search.status.converged,
+        status=search.status.value + told,
         notes=_notes(problem),
     )
 
@@ -238,6 +237,14 @@ def _covariance(problem: LftProblem, search: SeparableFit, change: Floats) -> Fl
     covariance[lost, :] = np.nan
     covariance[:, lost] = np.nan
     return covariance
+
+
+def _straight_rms(problem: LftProblem, eta: Floats) -> float:
+    """Return the residual's root mean square with a straight line in place of the map."""
+    z = problem.taps @ problem.direction(eta)
+    filtered = problem.filtered(np.column_stack([z, np.ones_like(z)]), eta)
+    line = project(np.column_stack([problem.fixed, filtered]), problem.y)
+    return float(np.sqrt(line.cost / problem.y.size))
 
 
 def _check_rank(problem: LftProblem, phi: Floats, search: SeparableFit) -> None:

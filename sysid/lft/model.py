@@ -1,8 +1,8 @@
-"""A fitted LFT model: parameters with their covariance, predictions, the map with its band."""
+"""An LFT model: parameters with their covariance, predictions, the map with its band."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,8 +22,8 @@ _FAR = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class LftFit:
-    r"""A fitted model :math:`A y = B u + G f(D x) + e`.
+class LftModel:
+    r"""A model :math:`A y = B u + G f(D x) + e`, apart from the data it was fitted to.
 
     Attributes
     ----------
@@ -46,21 +46,8 @@ class LftFit:
         Of A, B, G, D and the map's coefficients together, for white residuals; singular along d.
     noise_std : float
         Standard deviation of the one-step residual, in the unit of the output.
-    residual : ndarray, shape (n_rows,)
-        One-step residual.
-    times : ndarray of int, shape (n_rows,)
-        Row of the data that each residual belongs to.
-    z : ndarray, shape (n_points,)
-        The points at which the map was used: the data it rests on.
     end_taps : ndarray, shape (2, n_taps)
         The lagged samples at which z is least and largest; the first and the last knot move with them.
-    costs : tuple of float
-        Sum of squared residuals at the start and after every step of the best search.
-    converged : bool
-    status : str
-        One sentence: how the search ended.
-    notes : tuple of str
-        What the structure leaves undetermined, and what was left out.
     """
 
     structure: "LftStructure"
@@ -74,29 +61,7 @@ class LftFit:
     names: tuple[str, ...]
     covariance: Floats
     noise_std: float
-    residual: Floats
-    times: Indices
-    z: Floats
     end_taps: Floats
-    costs: tuple[float, ...]
-    converged: bool
-    status: str
-    notes: tuple[str, ...]
-
-    @property
-    def n_rows(self) -> int:
-        """Rows of the fit."""
-        return self.residual.size
-
-    @property
-    def cost(self) -> float:
-        """Sum of squared one-step residuals."""
-        return float(self.residual @ self.residual)
-
-    @property
-    def rms(self) -> float:
-        """Root mean square of the one-step residual."""
-        return float(np.sqrt(self.cost / self.n_rows))
 
     @cached_property
     def standard_errors(self) -> Floats:
@@ -130,19 +95,25 @@ class LftFit:
 
         if not 0.0 < level < 1.0:
             raise UsageError(f"level is {level:g}: give a number between 0 and 1")
-        points = np.asarray(z, dtype=float).reshape(-1)
+        points = np.asarray(z, dtype=float)
+        half = float(ndtri(0.5 + 0.5 * level)) * self._deviation(self._gradient(points.reshape(-1)))
+        value = self.map(points)
+        return value - half.reshape(points.shape), value + half.reshape(points.shape)
+
+    def _gradient(self, points: Floats) -> Floats:
+        """Return the derivatives of the map at fixed points by d and the coefficients."""
         low, high = float(self.map.knots[0]), float(self.map.knots[-1])
         place = ((points - low) / (high - low))[:, np.newaxis]
         by_d = -self.map.slope(points)[:, np.newaxis] * (
             (1.0 - place) * self.end_taps[0] + place * self.end_taps[1]
         )
-        gradient = np.column_stack([by_d, self.map.basis(points)])
+        return np.column_stack([by_d, self.map.basis(points)])
+
+    def _deviation(self, gradient: Floats) -> Floats:
+        """Return the standard deviations of values whose derivatives are given."""
         part = self.covariance[-gradient.shape[1] :, -gradient.shape[1] :]
         variance = np.einsum("ij,jk,ik->i", gradient, part, gradient)
-        half = float(ndtri(0.5 + 0.5 * level)) * np.sqrt(np.maximum(variance, 0.0))
-        value = self.map(points)
-        shape = np.shape(z)
-        return (value - half).reshape(shape), (value + half).reshape(shape)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def one_step(self, data: "Data") -> Floats:
         """Predict each output from the measurements before it.
@@ -157,18 +128,19 @@ class LftFit:
             NaN in the first rows of each experiment, whose lags were not measured.
         """
         signals = self._signals(data)
-        fed = signals.y.copy()
-        return self._run(signals, fed, free=False, rest=False)
+        return self._run(signals, [False] * len(signals.starts), free=False)
 
-    def simulate(self, data: "Data", *, initial_state: str = "measured") -> Floats:
+    def simulate(self, data: "Data", *, initial_state: str = "measured", diverged: str = "raise") -> Floats:
         """Run the model freely: it is fed its own outputs, one run an experiment.
 
         Parameters
         ----------
         data : Record, or pair of array_like (u, y)
-        initial_state : {"measured", "rest"}
+        initial_state : {"measured", "rest", "available"}
             Whether the lags at the start of each experiment are measured, and returned as they
-            are, or zero.
+            are, or zero; with "available", zero where they were not measured.
+        diverged : {"raise", "nan"}
+            What becomes of a run that diverges; NaN from there on.
 
         Returns
         -------
@@ -181,13 +153,23 @@ class LftFit:
         DataError
             If an output at the start of an experiment was not measured.
         """
-        if initial_state not in ("measured", "rest"):
-            raise UsageError(f"initial_state is {initial_state!r}: choose measured or rest")
+        if initial_state not in ("measured", "rest", "available"):
+            raise UsageError(f"initial_state is {initial_state!r}: choose measured, rest or available")
+        if diverged not in ("raise", "nan"):
+            raise UsageError(f"diverged is {diverged!r}: choose raise or nan")
         signals = self._signals(data)
-        fed = signals.y.copy()
-        return self._run(signals, fed, free=True, rest=initial_state == "rest")
+        rest = [initial_state == "rest"] * len(signals.starts)
+        if initial_state == "available":
+            rest = [not measured for measured in self.measured_starts(data)]
+        return self._run(signals, rest, free=True, diverged=diverged)
 
-    def oriented(self, d: ArrayLike) -> "LftFit":
+    def measured_starts(self, data: "Data") -> list[bool]:
+        """Tell for each experiment whether the outputs were measured that a free run begins with."""
+        signals = self._signals(data)
+        first = self.structure.largest_lag
+        return [bool(np.isfinite(signals.y[run][:first]).all()) for run in signals.runs()]
+
+    def oriented(self, d: ArrayLike) -> Self:
         """Return the same model with the sign of d nearest to a given one: f(z) = f'(-z)."""
         given = np.asarray(d, dtype=float)
         if given.shape != self.d.shape:
@@ -207,9 +189,13 @@ class LftFit:
             d=-self.d,
             map=mirrored,
             covariance=self.covariance[np.ix_(order, order)] * np.outer(sign, sign),
-            z=-self.z,
             end_taps=self.end_taps[::-1],
+            **self._mirrored(),
         )
+
+    def _mirrored(self) -> dict[str, Any]:
+        """Return what else changes with the sign of d."""
+        return {}
 
     @property
     def poles(self) -> NDArray[np.complex128]:
@@ -224,10 +210,10 @@ class LftFit:
             raise DataError(f"the data have {len(signals.inputs)} inputs, the model {len(self.inputs)}")
         return signals
 
-    def _run(self, signals: "Signals", fed: Floats, *, free: bool, rest: bool) -> Floats:
+    def _run(self, signals: "Signals", rest: list[bool], *, free: bool, diverged: str = "raise") -> Floats:
         from sysid.lft.kernels import run_experiment
 
-        first = 0 if rest else self.structure.largest_lag
+        fed = signals.y.copy()
         out = np.full(signals.n_samples, np.nan)
         measured = np.abs(signals.y[np.isfinite(signals.y)])
         scale = max(float(measured.max(initial=0.0)), float(np.abs(self.map.coefficients).max()))
@@ -237,8 +223,8 @@ class LftFit:
             signals.channels(self.structure.b_lags),
             signals.channels(self.structure.z_lags),
         )
-        for run in signals.runs():
-            part = fed[run]
+        for run, at_rest in zip(signals.runs(), rest, strict=True):
+            part, first = fed[run], 0 if at_rest else self.structure.largest_lag
             if free and not np.isfinite(part[:first]).all():
                 row = run.start + int(np.argmin(np.isfinite(part[:first])))
                 raise DataError(
@@ -253,7 +239,9 @@ class LftFit:
                 EXTRAPOLATIONS[self.map.extrapolation], self.map.coefficients,
                 _FAR * scale, out[run], np.empty(part.size),
             )  # fmt: skip
-            if left >= 0:
+            if left >= 0 and diverged == "nan":
+                out[run.start + left : run.stop] = np.nan
+            elif left >= 0:
                 radius = float(np.abs(self.poles).max(initial=0.0))
                 raise ModelError(
                     f"the free run diverges: in row {run.start + left + 1} it is {_FAR:g} times further out "
@@ -262,17 +250,109 @@ class LftFit:
                 )
         return out
 
+    def _lines(self) -> list[str]:
+        knots = self.map.knots
+        return [
+            *(
+                f"  {name:9s} {value: .6g} ± {error:.2g}"
+                for name, (value, error) in self.parameters().items()
+            ),
+            f"  map       degree {self.map.degree}, {knots.size} knots, {knots[0]:.4g} to {knots[-1]:.4g}",
+        ]
+
     def __repr__(self) -> str:
-        lines = [
+        return "\n".join([f"LftModel: {self.output} from {', '.join(self.inputs)}", *self._lines()])
+
+
+@dataclass(frozen=True, eq=False)
+class LftFit(LftModel):
+    """A fitted LFT model.
+
+    Attributes
+    ----------
+    residual : ndarray, shape (n_rows,)
+        One-step residual.
+    times : ndarray of int, shape (n_rows,)
+        Row of the data that each residual belongs to.
+    z : ndarray, shape (n_points,)
+        The points at which the map was used: the data it rests on.
+    straight_rms : float
+        Root mean square of the one-step residual with a straight line in place of the map, d and G held.
+    costs : tuple of float
+        Sum of squared residuals at the start and after every step of the best search.
+    agreeing, searches : int
+        How many of the searches ended at the best cost, and how many there were.
+    converged : bool
+    status : str
+        One sentence: how the search ended.
+    notes : tuple of str
+        What the structure leaves undetermined, and what was left out.
+    """
+
+    residual: Floats
+    times: Indices
+    z: Floats
+    straight_rms: float
+    costs: tuple[float, ...]
+    agreeing: int
+    searches: int
+    converged: bool
+    status: str
+    notes: tuple[str, ...]
+
+    @property
+    def n_rows(self) -> int:
+        """Rows of the fit."""
+        return self.residual.size
+
+    @property
+    def cost(self) -> float:
+        """Sum of squared one-step residuals."""
+        return float(self.residual @ self.residual)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the one-step residual."""
+        return float(np.sqrt(self.cost / self.n_rows))
+
+    def bend(self, z: ArrayLike) -> tuple[Floats, Floats]:
+        """Return what the map has beyond the straight line nearest to it over its data.
+
+        Parameters
+        ----------
+        z : array_like, shape (n_points,)
+
+        Returns
+        -------
+        bend, std_error : ndarray, shape (n_points,)
+        """
+        points = np.asarray(z, dtype=float).reshape(-1)
+        line = np.linalg.pinv(np.column_stack([np.ones_like(self.z), self.z]))
+        at_points = np.column_stack([np.ones_like(points), points])
+        value = self.map(points) - at_points @ (line @ self.map(self.z))
+        gradient = self._gradient(points) - at_points @ (line @ self._gradient(self.z))
+        return value, self._deviation(gradient)
+
+    def straight_line_test(self) -> float:
+        """Return the probability of a map bent as much as this one if it is a straight line.
+
+        An F test with d and G as they were estimated, for white residuals.
+        """
+        from scipy.stats import f
+
+        extra = self.map.coefficients.size - 2
+        free = self.n_rows - len(self.names) + 1
+        if extra < 1 or self.cost <= 0.0:
+            return 1.0 if extra < 1 else 0.0
+        ratio = (self.straight_rms**2 * self.n_rows - self.cost) / extra / (self.cost / free)
+        return float(f.sf(max(ratio, 0.0), extra, free))
+
+    def _mirrored(self) -> dict[str, Any]:
+        return {"z": -self.z}
+
+    def __repr__(self) -> str:
+        head = (
             f"LftFit: {self.output} from {', '.join(self.inputs)}, one-step rms {self.rms:.4g} on "
             f"{self.n_rows} rows"
-        ]
-        lines += [
-            f"  {name:9s} {value: .6g} ± {error:.2g}" for name, (value, error) in self.parameters().items()
-        ]
-        knots = self.map.knots
-        lines.append(
-            f"  map       degree {self.map.degree}, {knots.size} knots from {knots[0]:.4g} to {knots[-1]:.4g}"
         )
-        lines += [f"  {self.status}", *(f"  {note}" for note in self.notes)]
-        return "\n".join(lines)
+        return "\n".join([head, *self._lines(), f"  {self.status}", *(f"  {note}" for note in self.notes)])

@@ -187,10 +187,12 @@ class LftProblem:
 
     def regressors(self, eta: Floats) -> Floats:
         """Return Phi(eta), shape (n_rows, n_fixed + n_coefficients)."""
-        values = self.place(eta).values
+        return np.column_stack([self.fixed, self.filtered(self.place(eta).values, eta)])
+
+    def filtered(self, values: Floats, eta: Floats) -> Floats:
+        """Return what G makes of columns that are given at the points of z, shape (n_rows, n_columns)."""
         g = self.numerator(eta)
-        filtered = sum(gain * values[self.index[:, i]] for i, gain in enumerate(g))
-        return np.column_stack([self.fixed, np.asarray(filtered)])
+        return np.asarray(sum(gain * values[self.index[:, i]] for i, gain in enumerate(g)))
 
     def derivative(self, eta: Floats) -> LftDerivative:
         """Return dPhi/deta; the ends of the range move with d."""

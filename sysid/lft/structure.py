@@ -107,6 +107,24 @@ class LftStructure:
             )
 
     @property
+    def kind(self) -> str:
+        """What such a system is called: Wiener, Hammerstein, Wiener-Hammerstein, or else LFT."""
+        if self.b_lags or any(signal == "y" for signal, _ in self.z_lags):
+            return "LFT"
+        if len(self.z_lags) == 1:
+            return "Hammerstein"
+        return "Wiener-Hammerstein" if self.n_a or self.n_g else "Wiener"
+
+    @property
+    def words(self) -> str:
+        """What stands where, in words."""
+        sums = f"z from {', '.join(at(*lag) for lag in self.z_lags)}"
+        linear = [f"A of order {self.n_a}", f"G of order {self.n_g}"]
+        if self.b_lags:
+            linear.append(f"B with {', '.join(at(*lag) for lag in self.b_lags)}")
+        return f"{self.kind}, {', '.join(linear)}, {sums}, {self.knots} knots"
+
+    @property
     def n_coefficients(self) -> int:
         """Coefficients of the map in the basis of the fit."""
         return self.knots + 2 if self.basis == "thesis" else self.knots - 1 + self.degree
@@ -157,6 +175,11 @@ class LftStructure:
         )
 
     @property
+    def n_parameters(self) -> int:
+        """Number of free parameters."""
+        return len(self.names) - 1
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of all parameters: those of A, B, G, D, then the coefficients of the map."""
         gone = self.left_out() if self.overlap != "reject" or not self.overlapping else ()
@@ -166,6 +189,17 @@ class LftStructure:
             *(lag_name("d", lag, self) for lag in self.z_lags),
             *(f"c{i}" for i in range(1, self.n_coefficients + 1)),
         )
+
+
+def at(signal: str, delay: int) -> str:
+    """Return a lagged signal as it stands in an equation.
+
+    Examples
+    --------
+    >>> at("u", 2), at("u", 0)
+    ('u(k-2)', 'u(k)')
+    """
+    return f"{signal}(k-{delay})" if delay else f"{signal}(k)"
 
 
 def lag_name(block: Literal["ab", "d"], lag: Lag, structure: LftStructure) -> str:
@@ -190,7 +224,7 @@ def _checked_lags(field: str, given: Sequence[Lag]) -> tuple[Lag, ...]:
         fewest = 1 if signal == "y" else 0
         if delay < fewest:
             raise ModelError(
-                f"{field} holds {signal}(k{-delay:+d}): give a delay of at least {fewest}, for the model "
+                f"{field} holds {signal} with the delay {delay}: give at least {fewest}, for the model "
                 "predicts y from the past"
             )
         if (signal, delay) in found:
