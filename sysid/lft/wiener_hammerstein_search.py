@@ -79,7 +79,11 @@ def screen(
         if progress is not None:
             progress(count + 1, len(starts) + LEADING)
     ends.sort(key=lambda end: end.rms)
-    leading = [search(more, end.model, LEADING_INTERVALS, COARSE_STEP) for end in ends[:LEADING]]
+    leading = []
+    for end in ends[:LEADING]:
+        leading.append(search(more, end.model, LEADING_INTERVALS, COARSE_STEP))
+        if progress is not None:
+            progress(len(starts) + len(leading), len(starts) + LEADING)
     leading.sort(key=lambda end: end.rms)
     best = leading[0]
     near = [end for end in leading if end.rms <= (1.0 + AGREEMENT) * best.rms]
