@@ -54,7 +54,10 @@ class Found:
 
 @dataclass(frozen=True)
 class Screening:
-    """The best model of a multi-start on few rows, and whether others ended there."""
+    """The best model of a multi-start on few rows, and whether others ended there.
+
+    A model that was given has no searches.
+    """
 
     model: WienerHammerstein
     n_searches: int
@@ -87,7 +90,7 @@ def screen(
     leading.sort(key=lambda end: end.rms)
     best = leading[0]
     near = [end for end in leading if end.rms <= (1.0 + AGREEMENT) * best.rms]
-    return Screening(best.model, len(ends), len(near) > 1)
+    return Screening(best.model, len(ends), len(near) > 1 or len(ends) == 1)
 
 
 def refine(segments: tuple[Segment, ...], start: WienerHammerstein, intervals: int) -> Found:
