@@ -1,6 +1,6 @@
 """Fit the parameters of a physical model by its free-run error."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -135,6 +135,7 @@ def fit_physics(
     fixed: Mapping[str, float] | None = None,
     initial_state: str = "estimate",
     rows: Mask | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> PhysicsFit:
     """Fit a physical model by its free-run error, from several starts.
 
@@ -153,6 +154,8 @@ def fit_physics(
         Whether each experiment starts from a state of its own or from rest.
     rows : ndarray of bool, shape (n_samples,), optional
         Rows of the fit; estimation and validation rows by default.
+    progress : callable, optional
+        Called with the number of searches done and to do; these may become more, see `restarts_agree`.
 
     Returns
     -------
@@ -188,7 +191,7 @@ def fit_physics(
     problem = Problem(described, segments, record.period, initial_state == "estimate")
     _check_enough(problem)
     with threadpool_limits(1):  # blocks are small: further threads only wait for one another
-        minimum, agreeing, tried = _search_all(problem)
+        minimum, agreeing, tried = _search_all(problem, progress)
         minimum = _with_fine_steps(problem, minimum)
         uncertainty = parameter_uncertainty(problem, minimum.x, minimum.point.residual)
         if any(parameter.prior is not None for parameter in problem.parameters):
@@ -250,7 +253,9 @@ def _check_enough(problem: Problem) -> None:
         )
 
 
-def _search_all(problem: Problem) -> tuple[Minimum[Residual], int, int]:
+def _search_all(
+    problem: Problem, progress: Callable[[int, int], None] | None = None
+) -> tuple[Minimum[Residual], int, int]:
     """Search from the best of all starts; return the best end, how many agree with it, how many ran.
 
     Where no second search ends as the best one does, further batches of starts are drawn.
@@ -260,11 +265,14 @@ def _search_all(problem: Problem) -> tuple[Minimum[Residual], int, int]:
     count = len(problem.names)
     ends: list[Minimum[Residual]] = []
     for batch in range(BATCHES):
-        for coordinates, states in _starts(ranking, screening, batch):
+        starts = _starts(ranking, screening, batch)
+        for number, (coordinates, states) in enumerate(starts):
             screening.use_steps(None)
             point = screening.point(coordinates, _all_states(screening, states))
             if point is not None:
                 ends.append(_descend(screening, point, SCREENING_EVALUATIONS))
+            if progress is not None and batch == 0:  # what comes after is the exception
+                progress(number + 1, len(starts) + 1)
         if not ends:
             raise ModelError(
                 f"model {problem.model.name!r} diverges from every start: give start values nearer to the "
