@@ -172,7 +172,7 @@ def run(arguments: argparse.Namespace) -> int:
         resolve_model(case.model, case.order, start, fixed)
         earlier = [path for other in cases[:number] for path in _results(other)]
         check_results([*earlier, *_results(case)], case.data)
-    comparisons = []
+    comparisons: list[Comparison] = []
     for case in cases:
         if len(cases) > 1:
             print("\n" * bool(comparisons) + f"== {case.output[0]}, model {case.model}")
