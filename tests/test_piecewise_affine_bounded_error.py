@@ -183,14 +183,16 @@ def test_bad_settings_are_said_in_one_sentence():
 
 
 def test_support_vectors_are_an_alternative(monkeypatch):
-    z, w, truth = EXAMPLES["5.2"](seeded(), 300)
+    z, w, _ = EXAMPLES["5.2"](seeded(), 300)
     monkeypatch.setitem(sys.modules, "sklearn.svm", None)
     with pytest.raises(UsageError, match="needs scikit-learn"):
         bounded_error(z, w, 0.3, rng=seeded(), separation="svm")
     monkeypatch.undo()
-    pytest.importorskip("sklearn", reason="scikit-learn is not installed")
-    fit = bounded_error(z, w, 0.3, rng=seeded(), separation="svm")
-    assert label_error(fit.labels, truth) < 0.02
+    for example, classes in ((EXAMPLES["5.2"](seeded(), 300), 2), (four_modes(seeded()), 4)):
+        z, w, truth = example
+        fit = bounded_error(z, w, 0.3 if classes == 2 else 0.025, rng=seeded(), separation="svm")
+        assert fit.modes == classes
+        assert label_error(fit.labels, truth) < 0.02
 
 
 # The choice of the bound ----------------------------------------------------------------------------------

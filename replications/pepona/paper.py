@@ -9,6 +9,7 @@ from typing import Any
 from replications.errata import erratum_gates, erratum_numbers
 from replications.pepona.chapter import Chapter, Studies, claims_file
 from replications.pepona.chapter4 import CHAPTER_4
+from replications.pepona.chapter5 import CHAPTER_5
 from replications.pepona.records import record_result
 from replications.studies import protocol_gates
 from sysid.claims import Claim, judge, read
@@ -16,7 +17,7 @@ from sysid.errors import UsageError
 from sysid.montecarlo import Task
 from sysid.replication import PaperResult, Session
 
-CHAPTERS: tuple[Chapter, ...] = (CHAPTER_4,)
+CHAPTERS: tuple[Chapter, ...] = (CHAPTER_4, CHAPTER_5)
 
 
 class Pepona:

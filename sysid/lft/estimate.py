@@ -53,7 +53,7 @@ def fit_lft(
     tolerance: float = 1e-10,
     max_evaluations: int = 200,
 ) -> LftFit:
-    """Fit an LFT model by its one-step prediction error, eq. (4.30) of Pepona (2011).
+    """Fit an LFT model by its one-step prediction error, eq. (4.30) of Pepona (2009).
 
     A, B and the map are eliminated; d moves on the sphere, g freely, from the estimate of section
     4.3.1 and, if asked for, from random ones.

@@ -1,6 +1,6 @@
 r"""LFT models fitted by their free run instead of their one-step prediction.
 
-The prediction error of eq. (4.18) of Pepona (2011) is the right criterion where the noise passes
+The prediction error of eq. (4.18) of Pepona (2009) is the right criterion where the noise passes
 through 1/A.  Measurement noise does not: A is biased then, and a free run far off.  `refine_free_run`
 goes on from a prediction-error fit and minimises the error of the free run itself, with the exact
 derivatives of the recursion.

@@ -121,8 +121,8 @@ class Columns:
         spline = self.model.map
         signals = np.empty((count, spline.coefficients.size + front.shape[1] - 1))
         form = EXTRAPOLATIONS[spline.extrapolation]
-        taps = self.taps
-        map_rows(front, taps, spline.knots, spline.degree, form, spline.coefficients, signals)
+        along = np.ascontiguousarray(front.T)  # sums over neighbouring samples run along the rows
+        map_rows(along, self.taps, spline.knots, spline.degree, form, spline.coefficients, signals)
         return signals
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid._compile import compiled
-from sysid.nonlinearities.piecewise_affine.descent import assign, classifier, descend, directions
+from sysid.nonlinearities.piecewise_affine.descent import assign, classifier, descend, directions, roam
 from sysid.nonlinearities.piecewise_affine.fit import PiecewiseAffineFit, finished
 from sysid.nonlinearities.piecewise_affine.kernels import fill_costs, fit_modes
 from sysid.nonlinearities.piecewise_affine.points import Points, neighbourhoods
@@ -15,6 +15,8 @@ Labels = NDArray[np.intp]
 WHO = "k-plane clustering"
 REFINED = 3
 """So many of the best different clusterings are made polyhedra, and the best map is kept."""
+PATIENCE = 30
+"""Its separators then move along random directions until so many in turn do not help."""
 
 
 def k_plane(
@@ -83,6 +85,7 @@ def k_plane(
             "region, so one affine map is returned: ask for fewer modes"
         )
         return finished(points, np.zeros((1, points.n_z + 1)), status, agreement=reached)
+    best_rows, _ = roam(points, best_rows, best_cost, rng, least, patience=PATIENCE)
     status = f"{reached:.0%} of {restarts} restarts agree on the best clustering"
     if reached * restarts < 2 and restarts > 1:
         status += "; a better one may exist: take more restarts or fewer modes"
