@@ -118,8 +118,12 @@ class LftJudged(Refitted):
         forced = [f"+ {term}" for term in left if not term.startswith("a")]
         inner = " + ".join(f"{lag_name('d', lag, structure)} {at(*lag)}" for lag in structure.z_lags)
         single = len(structure.z_lags) == 1
+        # Noise in the equation is what a one-step fit assumes; in a free run it comes behind all this.
+        noise = ["+ e(k)"] if self.fit.criterion == "one-step" else [", measured with noise"]
         return (
-            " ".join([f"{self.fit.output}(k) =", " + ".join(terms), *forced, *past, "+ e(k)"]),
+            " ".join([f"{self.fit.output}(k) =", " + ".join(terms), *forced, *past, *noise]).replace(
+                " ,", ","
+            ),
             f"w(k) = f(z(k)), f a spline of degree {structure.degree} with {structure.knots} knots, "
             f"{structure.extrapolation} beyond them",
             f"z(k) = {at(*structure.z_lags[0])}" if single else f"z(k) = {inner}, with |d| = 1",
