@@ -9,6 +9,7 @@ from scipy.optimize import linprog
 
 from sysid.errors import IdentifiabilityError, UsageError
 from sysid.nonlinearities.piecewise_affine import (
+    ModesAgainstDelta,
     bounded_error,
     knee,
     label_error,
@@ -182,14 +183,16 @@ def test_bad_settings_are_said_in_one_sentence():
 
 
 def test_support_vectors_are_an_alternative(monkeypatch):
-    z, w, truth = EXAMPLES["5.2"](seeded(), 300)
+    z, w, _ = EXAMPLES["5.2"](seeded(), 300)
     monkeypatch.setitem(sys.modules, "sklearn.svm", None)
     with pytest.raises(UsageError, match="needs scikit-learn"):
         bounded_error(z, w, 0.3, rng=seeded(), separation="svm")
     monkeypatch.undo()
-    pytest.importorskip("sklearn", reason="scikit-learn is not installed")
-    fit = bounded_error(z, w, 0.3, rng=seeded(), separation="svm")
-    assert label_error(fit.labels, truth) < 0.02
+    for example, classes in ((EXAMPLES["5.2"](seeded(), 300), 2), (four_modes(seeded()), 4)):
+        z, w, truth = example
+        fit = bounded_error(z, w, 0.3 if classes == 2 else 0.025, rng=seeded(), separation="svm")
+        assert fit.modes == classes
+        assert label_error(fit.labels, truth) < 0.02
 
 
 # The choice of the bound ----------------------------------------------------------------------------------
@@ -216,11 +219,18 @@ def test_the_knee_of_a_curve():
 
 
 def test_the_curve_is_drawn_with_its_knee():
-    z, w, _ = EXAMPLES["5.1"](seeded(), 100)
-    curve = modes_against_delta(z, w, [0.05, 0.1, 0.3, 0.5], rng=seeded(), runs=2)
+    curve = ModesAgainstDelta(np.array([0.1, 0.2, 0.4, 0.8]), np.array([9, 2, 2, 1]), np.zeros(4))
     axes = plot_modes_against_delta(curve)
     np.testing.assert_array_equal(axes.lines[0].get_ydata(), curve.modes)
     assert axes.lines[1].get_xdata() == [curve.knee]
-    assert axes.texts[0].get_text().startswith("knee: 2 modes")
+    assert axes.texts[0].get_text() == "knee: 2 modes at 0.2"
+
+
+def test_more_runs_never_need_more_modes():
+    z, w, _ = EXAMPLES["5.1"](seeded(), 100)
+    once = modes_against_delta(z, w, [0.1], rng=seeded())
+    assert modes_against_delta(z, w, [0.1], rng=seeded(), runs=5).modes[0] <= once.modes[0]
+    with pytest.raises(UsageError, match="runs is 0"):
+        modes_against_delta(z, w, [0.1], rng=seeded(), runs=0)
     with pytest.raises(UsageError, match="deltas are"):
         modes_against_delta(z, w, [0.0, 1.0], rng=seeded())

@@ -17,11 +17,15 @@ from sysid.nonlinearities.piecewise_affine import (
     k_plane,
     label_error,
 )
+from sysid.nonlinearities.piecewise_affine.branch_and_bound import best_line_of_all
+from sysid.nonlinearities.piecewise_affine.dichotomies import best_line
+from sysid.nonlinearities.piecewise_affine.global_search import _by_descent
+from sysid.nonlinearities.piecewise_affine.points import Points
 
 STAGES = {
     "bounded-error": BoundedError(0.3),
     "k-plane": KPlane(2),
-    "global": GlobalSearch(2, exact_up_to=300),
+    "global": GlobalSearch(2),
 }
 
 
@@ -91,10 +95,38 @@ def test_the_line_is_that_of_brute_force(seed):
     assert fit.cost == pytest.approx(best, rel=1e-9)
 
 
-def test_the_descent_finds_what_the_exact_search_proves():
-    from sysid.nonlinearities.piecewise_affine.global_search import _by_descent
-    from sysid.nonlinearities.piecewise_affine.points import Points
+def points_in_the_plane(kind, rng, n=150):
+    """Two modes, a kink, a lattice with points that coincide, or noise alone; of two outputs."""
+    z = rng.standard_normal((n, 2))
+    if kind == "lattice":
+        z = rng.integers(0, 7, (n, 2)) * 1.0
+    steps = {"modes": z @ [1, 0.5] > 0.3, "kink": np.abs(z @ [1, 0.5] - 0.3), "lattice": z @ [1, 2] > 9}
+    w = np.outer(steps.get(kind, np.zeros(n)), [1.0, -0.5]) + 0.3 * rng.standard_normal((n, 2))
+    return Points.of(z, w, who="test")
 
+
+@pytest.mark.parametrize("kind", ["modes", "kink", "lattice", "noise"])
+@pytest.mark.parametrize("seed", range(3))
+def test_branch_and_bound_ends_where_turning_lines_about_all_points_does(kind, seed):
+    points = points_in_the_plane(kind, seeded(seed))
+    turned = best_line(points.z, points.w, np.arange(points.n), 5)
+    found = best_line_of_all(points.z, points.w, 5)
+    assert found[0] == pytest.approx(turned[0], rel=1e-9)
+    for cost, h, _ in (turned, found):  # the line does part the points so
+        labels = (points.z @ h[:2] + h[2] > 0).astype(int)
+        assert squares(points.z, points.w, labels, 2) == pytest.approx(cost, rel=1e-9)
+
+
+def test_beyond_the_limit_a_sample_of_lines_is_enough_where_modes_differ():
+    z, w, _ = EXAMPLES["5.2"](seeded(9), 400)
+    exact, sampled = global_search(z, w, 2), global_search(z, w, 2, exact_up_to=0, rng=seeded())
+    assert exact.exact
+    assert not sampled.exact
+    assert "of 400 points" in sampled.status
+    assert sampled.cost == pytest.approx(exact.cost, rel=1e-9)
+
+
+def test_the_descent_finds_what_the_exact_search_proves():
     for example in ("5.2", "5.3"):
         z, w, _ = EXAMPLES[example](seeded(3), 120)
         exact = global_search(z, w, 2)

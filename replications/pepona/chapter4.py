@@ -50,7 +50,7 @@ def hammerstein_case(n_g: int, samples: int) -> str:
 def monte_carlo4(studies: Studies) -> dict[str, Any]:
     """Return the Monte-Carlo entries of the examples, with the bounds for the spline model."""
     return {
-        case: entry(studies[case], one.true, prediction.bounds(one)["spline"])
+        case: entry(studies[case], one.true, prediction.bounds(case)["spline"])
         for case, one in setting.EXAMPLES.items()
     }
 
@@ -101,7 +101,7 @@ def setting_numbers() -> dict[str, float]:
         }
         if not one.uniform:
             numbers[f"setting/{case}/noise"] = one.noise
-        for kind, spread in prediction.bounds(one).items():
+        for kind, spread in prediction.bounds(case).items():
             numbers |= {f"{case}/bound/{kind}/{name}": value for name, value in spread.items()}
     printed = printed_values()
     for column in ("initial", "final"):

@@ -1,5 +1,8 @@
 """The gates of Chapter 4: what must hold, how closely, and why."""
 
+from collections.abc import Mapping
+from typing import Any
+
 from replications.pepona import setting
 from replications.pepona.chapter import MonteCarlo, Numbers, Studies
 from replications.pepona.chapter4_study import SIZES
@@ -30,10 +33,10 @@ def gates4(studies: Studies, monte_carlo: MonteCarlo, numbers: Numbers) -> list[
     ]
 
 
-def estimate_gates(case: str, entry: MonteCarlo | dict[str, object], numbers: Found) -> list[Gate]:
+def estimate_gates(case: str, entry: Mapping[str, Any], numbers: Found) -> list[Gate]:
     """Bias, spread against the bound of the spline model, coverage."""
     found = []
-    n_runs = float(entry["n_runs"])  # type: ignore[arg-type]
+    n_runs = int(entry["n_runs"])
     for name, quality in parameters_of(entry).items():
         found.append(
             gate.monte_carlo_band(

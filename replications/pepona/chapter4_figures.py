@@ -12,6 +12,7 @@ from sysid.reporting.display import Display
 from sysid.reporting.style import COLOURS, GREY
 
 Results = Mapping[str, Any]
+RMSE_TICKS = (0.002, 0.005, 0.01, 0.02, 0.05)
 PRINTED_VAF = {"4.2": 98.11, "4.3": 98.32, "4.4": 97.85}
 
 
@@ -196,7 +197,8 @@ def consistency(results: Results) -> Display:
                      linestyle="-", label="$N^{-1/2}$")  # fmt: skip
         panel.set_xticks(sizes, [str(n) for n in sizes], fontsize=8)
         panel.tick_params(axis="x", which="minor", labelbottom=False)
-        panel.yaxis.set_minor_formatter("")
+        panel.set_yticks(RMSE_TICKS, [f"{tick:g}" for tick in RMSE_TICKS])
+        panel.tick_params(axis="y", which="minor", labelleft=False)
         panel.set_xlabel("N [samples]")
         panel.set_title(f"$n_g = {n_g}$")
         panel.legend(fontsize=8, loc="lower left")

@@ -57,13 +57,16 @@ def conditions(results: Results) -> Display:
         "separated",
         "joint",
         "joint, basis (4.16)",
-        "steps separated",
-        "joint",
-        "joint, (4.16)",
+        "steps: separated",
+        "steps: joint",
+        "steps: joint, (4.16)",
     ]
     keys = ("condition/kaufman", "condition/joint", "condition/joint-thesis-basis", "steps/separated",
             "steps/joint", "steps/joint-thesis-basis")  # fmt: skip
-    rows = [[case, *(f"{numbers[f'{case}/theory/{key}']:.3g}" for key in keys)] for case in setting.EXAMPLES]
+    rows = [
+        [case, *(display.number(numbers[f"{case}/theory/{key}"], digits=3) for key in keys)]
+        for case in setting.EXAMPLES
+    ]
     return display.table(
         rows,
         heads,
@@ -137,7 +140,7 @@ def searches(results: Results) -> Display:
         [
             case,
             f"{100 * numbers[f'{case}/converged_share']:.0f} %",
-            f"{100 * numbers[f'{case}/reached_share']:.1f} %",
+            f"{100 * numbers[f'{case}/reached_share']:.0f} %",
             f"{numbers[f'{case}/iterations/kaufman_median']:.0f}",
             f"{numbers[f'{case}/iterations/exact_median']:.0f}",
         ]
@@ -169,7 +172,7 @@ def example_table(results: Results, case: str) -> Display:
                 _z(numbers.get(f"{case}/z/initial/{name}")),
                 _plain(final),
                 _z(numbers[f"{case}/z/final/{name}"]),
-                f"{quality['mean']:.4f} ± {quality['std']:.4f}",
+                f"{quality['mean']:.4f} ± {quality['std']:.4f}".replace("-", "−"),
                 f"{quality['crlb_std']:.4f}",
                 f"{numbers[f'{case}/bound/known/{name}']:.4f}",
             ]
@@ -358,9 +361,8 @@ def shift(results: Results) -> Display:
     """Say what Example 4.1 shows."""
     numbers = _numbers(results)
     return display.prose(
-        "Example 4.1 moves a delay from $G$ to the input of the map. Shifted, the two systems have the "
-        "same output to "
-        f"{display.number(numbers['example-4.1/shifted'], digits=1)}; as printed they differ by up to "
+        "Example 4.1 moves a delay from $G$ to the input of the map. Shifted, the largest difference of the "
+        f"outputs is {display.number(numbers['example-4.1/shifted'], digits=1)}; as printed it is "
         f"{numbers['example-4.1/printed']:.2f}."
     )
 

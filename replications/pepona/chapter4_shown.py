@@ -19,7 +19,7 @@ def shown(example: Example, seed: int) -> dict[str, Any]:
     rng = np.random.default_rng([seed, int(10 * float(example.case))])
     signals = setting.experiment(example, example.samples, rng)
     data = signals.u, signals.y
-    fitted, form = ExampleRun(example.case).with_fewer_knots(data)
+    fitted, form = ExampleRun(example.case).supported_fit(data)
     fitted = fitted.oriented(example.d or [1.0])
     first = initial_estimate(data, form)
     grid = np.linspace(fitted.map.knots[0], fitted.map.knots[-1], POINTS)

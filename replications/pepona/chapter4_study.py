@@ -89,7 +89,7 @@ class ExampleRun:
         example, n = self.example, self.example.samples
         signals = self.experiment(rng)
         data = signals.u[:n], signals.y[:n]
-        fitted, form = self.with_fewer_knots(data)
+        fitted, form = self.supported_fit(data)
         first = initial_estimate(data, form)
         exact = fit_lft(data, form, start=first, jacobian="exact")
         from_truth = fit_lft(data, form, start=true_start(example))
@@ -102,7 +102,7 @@ class ExampleRun:
             **{f"initial/{name}": value for name, value in in_signs_of_433(example, first).items()},
             **{f"covered/{name}": abs(value - example.true[name]) <= 1.959964 * spread[name]
                for name, value in found.items()},
-            **self._validated(fitted, signals),
+            **self.validated(fitted, signals),
             "map_rmse": float(np.sqrt(np.mean((fitted.map(fitted.z) - example.function(fitted.z)) ** 2))),
             "knots": float(form.knots),
             "converged": float(fitted.converged),
@@ -111,7 +111,7 @@ class ExampleRun:
             "iterations/exact": float(len(exact.costs) - 1),
         }  # fmt: skip
 
-    def with_fewer_knots(self, data: tuple[Floats, Floats]) -> tuple[LftFit, LftStructure]:
+    def supported_fit(self, data: tuple[Floats, Floats]) -> tuple[LftFit, LftStructure]:
         """Fit with the knots of the example; with fewer where they leave a gap without data."""
         form = structure(self.example)
         while True:
@@ -122,7 +122,8 @@ class ExampleRun:
                     raise
                 form = replace(form, knots=form.knots - 1)
 
-    def _validated(self, fitted: LftFit, signals: Signals) -> dict[str, float]:
+    def validated(self, fitted: LftFit, signals: Signals) -> dict[str, float]:
+        """Return VAF of the second half, one-step and free-run, of the fit and of the true system."""
         n = self.example.samples
         u, y = signals.u[n:], signals.y[n:]
         truth = setting.respond_after(self.example, signals, n)
@@ -176,11 +177,11 @@ class ReadingRun:
         n = example.samples
         data = signals.u[:n], signals.y[:n]
         try:
-            fitted, form = ExampleRun(self.case).with_fewer_knots(data)
+            fitted, form = ExampleRun(self.case).supported_fit(data)
         except IdentifiabilityError:
             return {"diverged": 0.0, **undefined}
         first = initial_estimate(data, form)
-        scores = ExampleRun(self.case)._validated(fitted, signals)
+        scores = ExampleRun(self.case).validated(fitted, signals)
         return {
             "diverged": 0.0,
             "initial/a1": -float(first.a[1]),

@@ -46,7 +46,7 @@ class TheoryRun:
         example = setting.EXAMPLES[self.case]
         signals = setting.experiment(example, example.samples, rng)
         data = signals.u, signals.y
-        fitted, form = ExampleRun(self.case).with_fewer_knots(data)
+        fitted, form = ExampleRun(self.case).supported_fit(data)
         thesis = replace(form, basis="thesis")
         first = initial_estimate(data, form)
         ours, theirs = (compare_problems(data, one, start=first) for one in (form, thesis))

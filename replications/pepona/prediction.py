@@ -4,17 +4,20 @@ Nothing here eliminates a parameter or knows of the estimator: derivatives are t
 bounds and identities found here are independent of what they are held against.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
-from replications.pepona.setting import Example, Floats, Signals, delayed, experiment
+from replications.pepona.setting import EXAMPLES, Example, Floats, Signals, delayed, experiment
 from sysid.bounds import least_squares_bound
 from sysid.nonlinearities.spline import equal_knots, spline_basis
 
 FIRST = 3
 """Samples before the first one that every example can predict from measured signals."""
+LONG = 20_000
+"""Samples over which the information of a bound is averaged."""
 STEP = 1e-4
 """Of the central differences of fourth order; their error is about the fourth power of it."""
 
@@ -111,13 +114,15 @@ def best_spline(predictor: Predictor) -> Floats:
     return np.asarray(np.linalg.lstsq(predictor.basis(d), predictor.example.function(z), rcond=None)[0])
 
 
-def bounds(example: Example, *, samples: int = 20_000) -> dict[str, dict[str, float]]:
+@cache
+def bounds(case: str) -> Mapping[str, Mapping[str, float]]:
     """Return the asymptotic standard deviations of the parameters with the map known and as a spline.
 
     The information is averaged over a long record and taken for the rows of the example; ||d|| = 1 holds in
     both.  For normal noise these are Cramér-Rao bounds; for uniform noise what least squares attains.
     """
-    predictor = Predictor(example, experiment(example, samples, np.random.default_rng(2009)))
+    example = EXAMPLES[case]
+    predictor = Predictor(example, experiment(example, LONG, np.random.default_rng(2009)))
     truth, along = theta(example), tangent(example)
     coefficients = best_spline(predictor)
     known = derivatives(predictor.known, truth) @ along

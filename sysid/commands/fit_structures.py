@@ -141,7 +141,7 @@ EXTRAPOLATION = Option(
 LFT = Structure(
     "lft",
     "A(q) y = B(q) u + G(q) f(z) + e with a spline f of lagged inputs and outputs z: Wiener, Hammerstein, "
-    "Wiener-Hammerstein systems and maps that are fed the output, by one-step prediction error",
+    "Wiener-Hammerstein systems and maps that are fed the output",
     (
         Option(
             "--z",
@@ -170,6 +170,13 @@ LFT = Structure(
             one_of("exact", "kaufman"),
             "exact|kaufman",
             "of the separated problem (default: exact)",
+        ),
+        Option(
+            "--criterion",
+            "criterion",
+            one_of("one-step", "free-run"),
+            "one-step|free-run",
+            "error that the fit minimises (default: chosen by the validation error)",
         ),
         STARTS,
         SEED,

@@ -14,7 +14,7 @@ from sysid.diagnosis.content import NORMAL_95
 from sysid.diagnosis.models import ParameterValue
 from sysid.diagnosis.residuals import CorrelationTest, whiteness
 from sysid.diagnosis.scores import finite
-from sysid.diagnosis.wording import percent, significant
+from sysid.diagnosis.wording import percent, quantity
 from sysid.lft.choice import LftChoice, choose_lft
 from sysid.lft.model import LftFit
 from sysid.lft.signals import signals_of
@@ -145,8 +145,8 @@ class LftJudged(Refitted):
         return (self.maps()[0].sentence, self.choice.reason, *conventions)
 
     @cached_property
-    def one_step_whiteness(self) -> CorrelationTest:
-        """Test of the one-step residual, on which standard errors and bands rest."""
+    def residual_whiteness(self) -> CorrelationTest:
+        """Test of the residual of the fit; intervals of a one-step fit rest on its being white."""
         return whiteness(self.fit.residual)
 
     @property
@@ -160,8 +160,8 @@ class LftJudged(Refitted):
             )
         if not self.converged:
             found.append(f"The fit did not converge: {self.status}.")
-        if not self.one_step_whiteness.passed:
-            lag, value = _worst(self.one_step_whiteness)
+        if self.fit.criterion == "one-step" and not self.residual_whiteness.passed:
+            lag, value = _worst(self.residual_whiteness)
             found.append(
                 f"The one-step residual is not white (its correlation at lag {lag} is {value:.2f}): "
                 "parameters may be biased, their intervals and the map's band too narrow; try a higher "
@@ -244,19 +244,22 @@ class LftJudged(Refitted):
         shape = (
             "rises and falls" if min(rise, fall) > 2.0 * band else f"{'rises' if rise > fall else 'falls'}"
         )
-        chance = fit.straight_line_test()
-        more = percent(fit.straight_rms / fit.rms - 1.0) if fit.rms > 0.0 else "far more"
-        straight = (
-            f"a straight line would do as well (F test, p = {chance:.2g})"
-            if chance >= SIGNIFICANT
-            else f"a straight line in its place would raise the one-step error by {more} (F test, p "
-            f"{'= ' + format(chance, '.2g') if chance >= 1e-4 else '< 0.0001'})"
-        )
+        straight = self._straightness(fit)
         unit = self.units.get(fit.output, "")
         return (
             f"The map {shape} where {percent(INNER)} of its data lie; its 95 % band "
-            f"there reaches ± {significant(band, 2)}{' ' + unit if unit else ''} at most; {straight}."
+            f"there reaches ± {quantity(band, unit, 2)} at most; {straight}."
         )
+
+    def _straightness(self, fit: LftFit) -> str:
+        chance = fit.straight_line_test()
+        level = f"F test, p {'= ' + format(chance, '.2g') if chance >= 1e-4 else '< 0.0001'}"
+        if chance >= SIGNIFICANT:
+            return f"a straight line would do as well ({level})"
+        if fit.criterion == "one-step" and fit.rms > 0.0:
+            more = percent(fit.straight_rms / fit.rms - 1.0)
+            return f"a straight line in its place would raise the one-step error by {more} ({level})"
+        return f"it is bent beyond chance ({level})"
 
     def details(self) -> dict[str, Any]:
         """Return the structure, how it was chosen, the map, and the test of the one-step residual."""
@@ -264,14 +267,16 @@ class LftJudged(Refitted):
             "kind": self.fit.structure.kind,
             "delay": min((delay for signal, delay in self.fit.structure.z_lags if signal != "y"), default=1),
             "equations": list(self.equations),
+            "criterion": self.fit.criterion,
             "structure": self.saved()["structure"],
             "poles": [[pole.real, pole.imag] for pole in self.poles],
             "reason": self.choice.reason,
             "map": self._map.to_json(),
-            "one_step_residual": self.one_step_whiteness.to_json(),
+            "fit_residual": self.residual_whiteness.to_json(),
             "tried": [
                 {
                     "structure": trial.structure.words,
+                    "criterion": trial.criterion,
                     "validation_rmse": finite(trial.validation_rms),
                     "problem": trial.problem,
                 }
@@ -325,11 +330,12 @@ def fit_lft_structure(
     record : Record
         With one output.
     options : mapping
-        Fields of `LftStructure` that are fixed, and jacobian, starts, seed of `fit_lft`.
+        Fields of `LftStructure` that are fixed, and criterion, jacobian, starts, seed of
+        `choose_lft`.
     initial_state : {"estimate", "rest"}
     progress : callable, optional
     """
-    search = {name: options[name] for name in ("jacobian", "starts", "seed") if name in options}
+    search = {name: options[name] for name in ("criterion", "jacobian", "starts", "seed") if name in options}
     given = {name: value for name, value in options.items() if name not in search}
     signals = signals_of(record)
     for field in ("b_lags", "z_lags"):

@@ -132,7 +132,7 @@ class WienerHammersteinJudged(Refitted):
 
     def predict_held_out(self, record: Record) -> Prediction:
         """Predict every row by the model of the estimation rows."""
-        return self.accepted.predict(record)
+        return self.accepted.predict(record, rows=record.estimation)
 
     def saved(self) -> dict[str, Any]:
         """Return the final model as plain values, for `sysid.lft.load`."""

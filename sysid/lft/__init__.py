@@ -1,6 +1,6 @@
 r"""Block-structured models with one static map inside a linear part (LFT models).
 
-`fit_lft` fits :math:`A(q) y = B(q) u + G(q) f(D(q) x) + e` with a spline f, chapter 4 of Pepona (2011):
+`fit_lft` fits :math:`A(q) y = B(q) u + G(q) f(D(q) x) + e` with a spline f, chapter 4 of Pepona (2009):
 Wiener, Hammerstein, Wiener-Hammerstein systems and maps that are fed the output are special cases.
 
 `fit_alternating`, `fit_joint` and `fit_continuous` fit :math:`A(q) y = B(q) u + G(q) f(z) + e` with a
@@ -14,6 +14,7 @@ from sysid.lft.alternating import AlternatingFit, GivenRegions, fit_alternating
 from sysid.lft.continuous import ContinuousFit, fit_continuous
 from sysid.lft.estimate import fit_lft
 from sysid.lft.files import load, save
+from sysid.lft.free_run import refine_free_run
 from sysid.lft.identifiability import Identifiability, identifiability
 from sysid.lft.initial import InitialEstimate, initial_estimate
 from sysid.lft.joint import JointFit, fit_given_partition, fit_joint
@@ -65,6 +66,7 @@ __all__ = [
     "lags",
     "load",
     "printed_search",
+    "refine_free_run",
     "rows_of",
     "save",
     "smooth",

@@ -1,5 +1,7 @@
 """Band-limited interpolation between samples, for maps that act in continuous time."""
 
+from functools import cache
+
 import numpy as np
 
 from sysid.errors import UsageError
@@ -12,6 +14,7 @@ KAISER = 8.0
 LARGEST_OVERSAMPLING = 8
 
 
+@cache
 def interpolation_taps(oversampling: int) -> Floats:
     """Return the weights of neighbouring samples at the points between two of them.
 
@@ -26,7 +29,7 @@ def interpolation_taps(oversampling: int) -> Floats:
     Returns
     -------
     ndarray, shape (R - 1, 2 L)
-        Row r - 1 belongs to the point r; each sums to one, so that a constant stays what it is.
+        Row r - 1 belongs to the point r; each sums to one, so that a constant stays what it is.  Read-only.
 
     Examples
     --------
@@ -42,4 +45,6 @@ def interpolation_taps(oversampling: int) -> Floats:
     distance = j - np.arange(1, oversampling)[:, np.newaxis] / oversampling
     window = np.i0(KAISER * np.sqrt(np.maximum(1.0 - (distance / HALF_LENGTH) ** 2, 0.0)))
     taps = np.sinc(distance) * window
-    return np.asarray(taps / taps.sum(axis=1, keepdims=True))
+    taps /= taps.sum(axis=1, keepdims=True)
+    taps.setflags(write=False)
+    return np.asarray(taps)

@@ -1,7 +1,9 @@
 """The prediction-error estimate of an LFT model by separable least squares."""
 
+from contextlib import AbstractContextManager
 from dataclasses import replace
-from typing import Literal, Protocol
+from functools import cache
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +17,10 @@ from sysid.lft.signals import Data, Signals, signals_of, usable_rows
 from sysid.lft.structure import LftStructure, lag_name
 from sysid.nonlinearities.spline import Spline
 from sysid.separable import SeparableFit, fit, project
+from sysid.separable.factor import RANK_TOLERANCE, triangle
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 Floats = NDArray[np.float64]
 Jacobian = Literal["exact", "kaufman"]
@@ -47,7 +53,7 @@ def fit_lft(
     tolerance: float = 1e-10,
     max_evaluations: int = 200,
 ) -> LftFit:
-    """Fit an LFT model by its one-step prediction error, eq. (4.30) of Pepona (2011).
+    """Fit an LFT model by its one-step prediction error, eq. (4.30) of Pepona (2009).
 
     A, B and the map are eliminated; d moves on the sphere, g freely, from the estimate of section
     4.3.1 and, if asked for, from random ones.
@@ -98,15 +104,13 @@ def fit_lft(
     >>> bool(abs(fitted.map(1.0) - np.arctan(1.0)) < 0.01)
     True
     """
-    from threadpoolctl import threadpool_limits
-
     if jacobian not in ("exact", "kaufman"):
         raise UsageError(f"jacobian is {jacobian!r}: choose exact or kaufman")
     if starts < 1:
         raise UsageError(f"starts is {starts}: give at least 1")
     signals = signals_of(data)
     problem = LftProblem.of(signals, structure, usable_rows(signals, structure, rows))
-    with threadpool_limits(1):  # factors are narrow: further threads only wait for one another
+    with one_thread():  # factors are narrow: further threads only wait for one another
         begin = [first_start(problem) if start is None else given_start(problem, start)]
         begin += _random_starts(problem, starts - 1, seed)
         found = [_search(problem, d, g, jacobian, tolerance, max_evaluations) for d, g in begin]
@@ -116,6 +120,19 @@ def fit_lft(
         model = _model(signals, best, search, agree, starts)
     reference = model.d * _rise(model) if start is None else begin[0][0]
     return model.oriented(reference)
+
+
+def one_thread() -> AbstractContextManager[object]:
+    """Hold linear algebra to one thread; its libraries are looked for once, which takes milliseconds."""
+    limit: AbstractContextManager[object] = _controller().limit(limits=1)
+    return limit
+
+
+@cache
+def _controller() -> "ThreadpoolController":
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 def first_start(problem: LftProblem) -> tuple[Floats, Floats]:
@@ -175,8 +192,7 @@ def _model(
     signals: Signals, problem: LftProblem, search: SeparableFit, agreeing: int, searches: int
 ) -> LftFit:
     structure = problem.structure
-    phi = problem.regressors(search.eta)
-    _check_rank(problem, phi, search)
+    _check_rank(problem, search)
     basis = problem.place(search.eta)
     a, b = split_linear(problem, search.theta[: problem.n_fixed])
     change = to_bsplines(structure)
@@ -247,15 +263,18 @@ def _straight_rms(problem: LftProblem, eta: Floats) -> float:
     return float(np.sqrt(line.cost / problem.y.size))
 
 
-def _check_rank(problem: LftProblem, phi: Floats, search: SeparableFit) -> None:
+def _check_rank(problem: LftProblem, search: SeparableFit) -> None:
     """Refuse a fit in which part of the map, or a lag, is not seen by the data."""
     from sysid.lft.problem import map_basis
 
     structure = problem.structure
     if structure.basis == "thesis" and structure.degree != 3:
         return  # its functions are not independent of each other
-    rank = project(phi, problem.y).rank
-    if rank == phi.shape[1] or abs(float(problem.numerator(search.eta).sum())) < 1e-6:
+    # The factor's last columns hold R of the regressors, once what the first ones turned is turned back.
+    factor = triangle(search.jacobian_factor[:, search.eta.size :])
+    norms = np.linalg.norm(factor, axis=0)
+    independent = bool(np.all(np.abs(np.diag(factor)) > RANK_TOLERANCE * norms))
+    if independent or abs(float(problem.numerator(search.eta).sum())) < 1e-6:
         return
     seen = map_basis(problem.place(search.eta).x, structure)[0]
     missing = structure.n_coefficients - int(np.linalg.matrix_rank(seen))

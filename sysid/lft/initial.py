@@ -1,4 +1,4 @@
-"""First estimates of an LFT model, section 4.3.1 of Pepona (2011), step by step."""
+"""First estimates of an LFT model, section 4.3.1 of Pepona (2009), step by step."""
 
 from dataclasses import dataclass
 

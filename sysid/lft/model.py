@@ -161,6 +161,10 @@ class LftModel:
         rest = [initial_state == "rest"] * len(signals.starts)
         if initial_state == "available":
             rest = [not measured for measured in self.measured_starts(data)]
+        return self.run_from(signals, rest, diverged=diverged)
+
+    def run_from(self, signals: "Signals", rest: list[bool], *, diverged: str = "raise") -> Floats:
+        """Run freely, each experiment from rest or from measured lags."""
         return self._run(signals, rest, free=True, diverged=diverged)
 
     def measured_starts(self, data: "Data") -> list[bool]:
@@ -271,7 +275,7 @@ class LftFit(LftModel):
     Attributes
     ----------
     residual : ndarray, shape (n_rows,)
-        One-step residual.
+        What the criterion sums the squares of: the one-step residual, or that of the free run.
     times : ndarray of int, shape (n_rows,)
         Row of the data that each residual belongs to.
     z : ndarray, shape (n_points,)
@@ -287,6 +291,8 @@ class LftFit(LftModel):
         One sentence: how the search ended.
     notes : tuple of str
         What the structure leaves undetermined, and what was left out.
+    criterion : {"one-step", "free-run"}
+        What was minimised.
     """
 
     residual: Floats
@@ -299,6 +305,7 @@ class LftFit(LftModel):
     converged: bool
     status: str
     notes: tuple[str, ...]
+    criterion: str = "one-step"
 
     @property
     def n_rows(self) -> int:
@@ -307,12 +314,12 @@ class LftFit(LftModel):
 
     @property
     def cost(self) -> float:
-        """Sum of squared one-step residuals."""
+        """Sum of squared residuals."""
         return float(self.residual @ self.residual)
 
     @property
     def rms(self) -> float:
-        """Root mean square of the one-step residual."""
+        """Root mean square of the residual."""
         return float(np.sqrt(self.cost / self.n_rows))
 
     def bend(self, z: ArrayLike) -> tuple[Floats, Floats]:
@@ -336,23 +343,31 @@ class LftFit(LftModel):
     def straight_line_test(self) -> float:
         """Return the probability of a map bent as much as this one if it is a straight line.
 
-        An F test with d and G as they were estimated, for white residuals.
+        An F test of the coefficients' deviation from a line, by their covariance.
         """
         from scipy.stats import f
 
-        extra = self.map.coefficients.size - 2
+        size = self.map.coefficients.size
+        covariance = self.covariance[-size:, -size:]
+        # Coefficients at the averages of the knots around them make a straight line.
+        full = np.concatenate([[self.map.knots[0]] * self.map.degree, self.map.knots])
+        full = np.concatenate([full, [self.map.knots[-1]] * self.map.degree])
+        places = np.array([full[i + 1 : i + 1 + self.map.degree].mean() for i in range(size)])
+        lines = np.column_stack([np.ones(size), places - places.mean()])
+        across = np.linalg.qr(np.column_stack([lines, np.eye(size)]))[0][:, 2:size]
+        if across.shape[1] == 0 or not np.isfinite(covariance).all():
+            return 1.0
+        off = across.T @ self.map.coefficients
         free = self.n_rows - len(self.names) + 1
-        if extra < 1 or self.cost <= 0.0:
-            return 1.0 if extra < 1 else 0.0
-        ratio = (self.straight_rms**2 * self.n_rows - self.cost) / extra / (self.cost / free)
-        return float(f.sf(max(ratio, 0.0), extra, free))
+        ratio = float(off @ np.linalg.pinv(across.T @ covariance @ across) @ off) / off.size
+        return float(f.sf(ratio, off.size, free))
 
     def _mirrored(self) -> dict[str, Any]:
         return {"z": -self.z}
 
     def __repr__(self) -> str:
         head = (
-            f"LftFit: {self.output} from {', '.join(self.inputs)}, one-step rms {self.rms:.4g} on "
+            f"LftFit: {self.output} from {', '.join(self.inputs)}, {self.criterion} rms {self.rms:.4g} on "
             f"{self.n_rows} rows"
         )
         return "\n".join([head, *self._lines(), f"  {self.status}", *(f"  {note}" for note in self.notes)])

@@ -1,4 +1,4 @@
-"""The iteration of Table 4.1 of Pepona (2011) as it is printed, to show what it does; not for use.
+"""The iteration of Table 4.1 of Pepona (2009) as it is printed, to show what it does; not for use.
 
 Its stopping test is inverted, so that it ends at the first step that lowers the cost by much, and
 goes on as long as the steps do little or harm; a step uphill raises the damping but is kept.

@@ -8,6 +8,7 @@ length of d drops out: the search runs in the tangent space of the sphere, :math
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -178,6 +179,17 @@ class LftProblem:
 
     def place(self, eta: Floats) -> PlacedBasis:
         """Return the basis of the map at every point of z."""
+        key = eta.tobytes()
+        if key not in self._last:  # regressors and derivative are asked for at the same place
+            self._last.clear()
+            self._last[key] = self._placed(eta)
+        return self._last[key]
+
+    @cached_property
+    def _last(self) -> dict[bytes, PlacedBasis]:
+        return {}
+
+    def _placed(self, eta: Floats) -> PlacedBasis:
         z = self.taps @ (self.centre + self.tangents @ eta[: self.n_tangents])
         ends = int(np.argmin(z)), int(np.argmax(z))
         low, width = float(z[ends[0]]), float(z[ends[1]] - z[ends[0]])

@@ -27,7 +27,7 @@ def lags(signal: str, *delays: int) -> tuple[Lag, ...]:
 
 @dataclass(frozen=True)
 class LftStructure:
-    r"""Orders and lags of an LFT model, eq. (4.10) of Pepona (2011).
+    r"""Orders and lags of an LFT model, eq. (4.10) of Pepona (2009).
 
     .. math:: A(q) y(k) = B(q) u(k) + G(q) w(k) + e(k), \quad w = f(z), \quad z(k) = D(q) x(k)
 

@@ -1,4 +1,4 @@
-"""Theorems 4.1 and 4.2 of Pepona (2011) by numbers: the separated problem beside the joint one."""
+"""Theorems 4.1 and 4.2 of Pepona (2009) by numbers: the separated problem beside the joint one."""
 
 from dataclasses import dataclass
 

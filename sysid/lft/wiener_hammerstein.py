@@ -49,8 +49,8 @@ def fit_wiener_hammerstein(
 
     The poles and zeros of the best linear approximation are shared between the two blocks in all ways; the
     map, a spline, is eliminated linearly, and the best starts are followed by Levenberg-Marquardt steps with
-    exact derivatives, on few rows first.  Wiener and Hammerstein models are those of orders (n, 0) and (0,
-    n).
+    exact derivatives, on few rows first.  An even map leaves no linear approximation to start from.  Wiener
+    and Hammerstein models are those of orders (n, 0) and (0, n).
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def fit_wiener_hammerstein(
     interpolation_taps(oversampling)
     search = Multistart(make_segments(record, rows), form)
     check_enough(search.segments, orders, knots + degree)
-    screening = search.screened(orders, progress) if start is None else Screening(start, 1, True)
+    screening = search.screened(orders, progress) if start is None else Screening(start, 0, True)
     found = refine(search.settled, replace(screening.model, oversampling=oversampling), knots)
     return fit_of(record, found, screening, knots)
 
@@ -259,8 +259,10 @@ def _ended(converged: bool, evaluations: int) -> str:
 
 
 def _agreement(screening: Screening) -> str:
+    if screening.n_searches == 0:
+        return "refitted from the start that was given"
     if screening.n_searches == 1:
-        return "refitted from one start"
+        return "one search: poles and zeros can be shared between the blocks in one way only"
     if screening.agree:
         return f"the best two of {screening.n_searches} searches from different starts agree"
     return (

@@ -19,9 +19,11 @@ from sysid.lft.wiener_hammerstein import (
 from sysid.lft.wiener_hammerstein_fit import WienerHammersteinFit
 from sysid.lft.wiener_hammerstein_model import WienerHammerstein
 from sysid.lft.wiener_hammerstein_search import COARSE_STEP, LEADING_ROWS, Found, Screening, refine, search
+from sysid.lft.wiener_hammerstein_start import run_from
 from sysid.linear.forms import Floats
 from sysid.linear.output_error import make_segments, shortened
 from sysid.linear.selection import PRACTICAL_SHARE, VALIDATION_BLOCKS, standard_error
+from sysid.linear.simulation import first_rows
 from sysid.nonlinearities.spline import Extrapolation
 
 LARGEST_EQUAL_ORDER = 4
@@ -234,7 +236,11 @@ class _Chooser:
         squares = []
         for part in record.slices:
             if record.validation[part].any():
-                error = record.y[part, 0] - model.simulate(record.u[part, 0])
+                u, y = record.u[part, 0], record.y[part, 0]
+                if record.estimation[part].any() or model.resting:
+                    error = y - model.simulate(u)
+                else:  # a run of its own begins in a state of its own
+                    error = y - run_from(model, u, y, first_rows(y, 0, sum(model.orders))[0], found.rms)
                 squares.append(error[record.validation[part]] ** 2)
         squared = np.concatenate(squares)
         rms = float(np.sqrt(squared.mean()))

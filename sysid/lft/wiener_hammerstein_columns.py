@@ -29,9 +29,17 @@ class Columns:
     model : WienerHammerstein
     u : ndarray, shape (n_samples,)
     derivatives : bool
+    transient : ndarray, shape (n_samples,), optional
+        Added to the front block's output: a free response.
     """
 
-    def __init__(self, model: "WienerHammerstein", u: Floats, derivatives: bool = False):
+    def __init__(
+        self,
+        model: "WienerHammerstein",
+        u: Floats,
+        derivatives: bool = False,
+        transient: Floats | None = None,
+    ):
         self.model, self.derivatives = model, derivatives
         self.taps = interpolation_taps(model.oversampling)
         self.margin = self.taps.shape[1] if model.oversampling > 1 else 0
@@ -39,6 +47,9 @@ class Columns:
         before = 0.0 if model.resting else float(u[0])
         held = (np.full(model.delay, before), u, np.full(self.margin, u[-1]))
         self.u = np.concatenate(held)[: u.size + self.margin]
+        self.transient = np.zeros(self.u.size)
+        if transient is not None:
+            self.transient[: u.size] = transient
         self.place = 0
         self._settle(before)
 
@@ -62,7 +73,8 @@ class Columns:
     def front_signal(self) -> Floats:
         """Return the map's input at all rows that are left, shape (n_samples,)."""
         ahead = self.buffer[self.margin :, 0]
-        return np.concatenate([ahead, self._front(self.u[self.place :])[:, 0]])[: self.n_left]
+        later = self._front(self.u[self.place :])[:, 0] + self.transient[self.place :]
+        return np.concatenate([ahead, later])[: self.n_left]
 
     def _settle(self, before: float) -> None:
         front, back, n1 = self.model.front, self.model.back, self.model.front.order
@@ -84,6 +96,7 @@ class Columns:
         columns[: back.order // 2 * 2 : 2] *= 2.0
         self.back_poles = _settled(back, float(columns @ back.weights[:-1] + w * back.weights[-1]))
         ahead = self._front(self.u[: self.margin])
+        ahead[:, 0] += self.transient[: self.margin]
         self.buffer = np.vstack([np.repeat(row, self.margin, axis=0), ahead])
         self.place = self.margin
         assert row.shape[1] == 1 + self.derivatives * (2 * n1 + 1)
@@ -91,6 +104,7 @@ class Columns:
     def _next_signals(self, count: int) -> Floats:
         """Return the inputs of the back block."""
         new = self._front(self.u[self.place : self.place + count])
+        new[:, 0] += self.transient[self.place : self.place + count]
         self.place += count
         front = np.vstack([self.buffer, new]) if self.margin else new
         self.buffer = front[front.shape[0] - 2 * self.margin :].copy()
@@ -107,8 +121,8 @@ class Columns:
         spline = self.model.map
         signals = np.empty((count, spline.coefficients.size + front.shape[1] - 1))
         form = EXTRAPOLATIONS[spline.extrapolation]
-        taps = self.taps
-        map_rows(front, taps, spline.knots, spline.degree, form, spline.coefficients, signals)
+        along = np.ascontiguousarray(front.T)  # sums over neighbouring samples run along the rows
+        map_rows(along, self.taps, spline.knots, spline.degree, form, spline.coefficients, signals)
         return signals
 
 

@@ -11,8 +11,9 @@ from sysid.data import Record
 from sysid.data.record import Mask, check_record
 from sysid.lft.linear_block import LinearBlock
 from sysid.lft.wiener_hammerstein_model import WienerHammerstein
+from sysid.lft.wiener_hammerstein_start import run_from
 from sysid.linear.forms import Complexes, Floats
-from sysid.linear.simulation import Prediction, check_fits, foreseen
+from sysid.linear.simulation import Prediction, check_fits, predict_experiments
 from sysid.nonlinearities.spline import Spline
 
 # Relative step of the differences by which errors are propagated: truncation and rounding are both near
@@ -118,8 +119,9 @@ class WienerHammersteinFit:
         Parameters
         ----------
         record : Record
-        rows : ignored
-            The free run needs no measured output.
+        rows : ndarray of bool, shape (n_samples,), optional
+            Rows that may be used for initial states; estimation and validation rows by default.  An
+            experiment without any has its own estimated on its first rows.
 
         Raises
         ------
@@ -127,12 +129,12 @@ class WienerHammersteinFit:
             If the record has other channels or another period than that of the fit.
         """
         check_fits(check_record(record), self.inputs, self.outputs, self.period)
-        free_run, one_step = np.empty(record.n_samples), np.empty(record.n_samples)
-        for part in record.slices:
-            free_run[part] = self.simulate(record.u[part, 0])
-            one_step[part] = free_run[part] + foreseen(record.y[part, 0] - free_run[part], self.noise)
-        note = "at rest" if self.model.resting else "settled at the first input"
-        return Prediction(free_run, one_step, (note,) * len(record.slices))
+
+        def run(part: slice, used: Mask, fitted: bool) -> Floats:
+            u, y = record.u[part, 0], record.y[part, 0]
+            return self.simulate(u) if self.model.resting else run_from(self.model, u, y, used, self.rms)
+
+        return predict_experiments(record, rows, self.order, self.noise, not self.model.resting, run)
 
     def standard_errors(self, function: Callable[[WienerHammerstein], Floats]) -> Floats:
         """Return standard errors of anything that is computed from a normalised model.

@@ -3,8 +3,8 @@
 A row passes three stages: the front block, the map (between samples, too, if it is asked for) and the back
 block. Each linear block has the form of `sysid.linear`: second-order sections 1 + a1 q^-1 + a2 q^-2, whose
 Kautz columns (two for each section, one for a last section of first order) take the block's input one sample
-late and carry the weights, and a direct term with the last weight.  Inner loops run over the columns, so that
-the processor takes several of them at a time.
+late and carry the weights, and a direct term with the last weight.  Inner loops run over many columns or many
+rows, so that the processor takes several at a time.
 """
 
 import numpy as np
@@ -12,6 +12,9 @@ import numpy as np
 from sysid._compile import compiled
 from sysid.linear.forms import Floats
 from sysid.nonlinearities.spline_kernels import clamped, local_basis
+
+# Rows that are turned at a time: so many fit into the fastest cache.
+TILE = 16
 
 
 @compiled
@@ -77,28 +80,35 @@ def front_rows(
 
 
 @compiled
-def map_point(
-    front: Floats,
-    knots: Floats,
-    full: Floats,
-    degree: int,
-    extrapolation: int,
-    coefficients: Floats,
-    values: Floats,
-    slopes: Floats,
-    out: Floats,
+def add_weighted(signal: Floats, first: int, taps: Floats, out: Floats) -> None:
+    """Add sum_q taps[q] signal[first + i + q] to ``out[i]``; the number of taps is a multiple of four.
+
+    Loops run along the rows, four taps at a time, so that sums stay in registers.
+    """
+    for q in range(0, taps.shape[0], 4):
+        t0, t1, t2, t3 = taps[q], taps[q + 1], taps[q + 2], taps[q + 3]
+        s = signal[first + q : first + q + out.shape[0] + 3]
+        for i in range(out.shape[0]):
+            out[i] += t0 * s[i] + t1 * s[i + 1] + t2 * s[i + 2] + t3 * s[i + 3]
+
+
+@compiled
+def map_columns(
+    front: Floats, knots: Floats, degree: int, extrapolation: int, coefficients: Floats, out: Floats
 ) -> None:
-    """Give the map's basis functions at z = front[0] and the slope times the derivatives of z."""
-    n_basis, n_columns = coefficients.shape[0], front.shape[0]
-    first = local_basis(front[0], knots, full, degree, extrapolation, values, slopes)
-    for c in range(n_basis):
-        out[c] = 0.0
-    slope = 0.0
-    for r in range(degree + 1):
-        out[first + r] = values[r]
-        slope += slopes[r] * coefficients[first + r]
-    for c in range(1, n_columns):
-        out[n_basis + c - 1] = slope * front[c]
+    """Fill the map's basis functions at z and w' times the derivatives of z; one signal a row of ``out``."""
+    n_basis, n_rows = coefficients.shape[0], front.shape[1]
+    full = clamped(knots, degree)
+    values, rates, slope = np.empty(degree + 1), np.empty(degree + 1), np.zeros(n_rows)
+    out[:n_basis] = 0.0
+    for k in range(n_rows):
+        first = local_basis(front[0, k], knots, full, degree, extrapolation, values, rates)
+        for r in range(degree + 1):
+            out[first + r, k] = values[r]
+            slope[k] += rates[r] * coefficients[first + r]
+    for c in range(1, front.shape[0]):
+        for k in range(n_rows):
+            out[n_basis + c - 1, k] = slope[k] * front[c, k]
 
 
 @compiled
@@ -114,39 +124,31 @@ def map_rows(
     """Fill the map's basis functions and w' times the derivatives of z, averaged over a sampling period.
 
     ``taps``, shape (n_between, 2 L), interpolate z at so many points between two samples; the map acts there,
-    too, and the same taps limit its output to the band of the samples again.  ``front`` then begins 2 L rows
-    before the first one of ``rows`` and ends 2 L rows after the last one; without points between, the map
-    acts at samples alone.
+    too, and the same taps limit its output to the band of the samples again.  ``front``, one signal a row,
+    then begins 2 L samples before the first one of ``rows`` and ends 2 L after the last one; without points
+    between, the map acts at samples alone.
     """
     n_between, length = taps.shape
-    n_rows, n_signals, n_columns = rows.shape[0], rows.shape[1], front.shape[1]
-    full = clamped(knots, degree)
-    values, slopes = np.empty(degree + 1), np.empty(degree + 1)
+    n_rows, n_signals, n_columns = rows.shape[0], rows.shape[1], front.shape[0]
     margin = length if n_between > 0 else 0
-    for k in range(n_rows):
-        map_point(
-            front[k + margin], knots, full, degree, extrapolation, coefficients, values, slopes, rows[k]
-        )
-    if n_between == 0:
-        return
-    between = np.empty((n_rows + length, n_signals))
-    point = np.empty(n_columns)
+    total = np.empty((n_signals, n_rows))
+    here = front[:, margin : margin + n_rows]
+    map_columns(here, knots, degree, extrapolation, coefficients, total)
+    points = np.empty((n_columns, n_rows + length))
+    between = np.empty((n_signals, n_rows + length))
     for p in range(n_between):
-        for i in range(n_rows + length):
-            point[:] = 0.0
-            for q in range(length):
-                tap = taps[p, q]
-                for c in range(n_columns):
-                    point[c] += tap * front[i + 1 + q, c]
-            map_point(point, knots, full, degree, extrapolation, coefficients, values, slopes, between[i])
-        for k in range(n_rows):
-            for q in range(length):
-                tap = taps[p, q]
-                for c in range(n_signals):
-                    rows[k, c] += tap * between[k + length - 1 - q, c]
-    for k in range(n_rows):
+        points[:] = 0.0
+        for c in range(n_columns):
+            add_weighted(front[c], 1, taps[p], points[c])
+        map_columns(points, knots, degree, extrapolation, coefficients, between)
+        backwards = taps[p, ::-1].copy()
         for c in range(n_signals):
-            rows[k, c] /= n_between + 1.0
+            add_weighted(between[c], 0, backwards, total[c])
+    share = 1.0 / (n_between + 1.0)
+    for start in range(0, n_rows, TILE):
+        for c in range(n_signals):
+            for k in range(start, min(start + TILE, n_rows)):
+                rows[k, c] = share * total[c, k]
 
 
 @compiled

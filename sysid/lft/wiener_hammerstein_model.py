@@ -72,12 +72,14 @@ class WienerHammerstein:
             self, front=LinearBlock(parts[0], parts[1]), back=LinearBlock(parts[2], parts[3]), map=spline
         )
 
-    def simulate(self, u: ArrayLike) -> Floats:
+    def simulate(self, u: ArrayLike, transient: ArrayLike | None = None) -> Floats:
         """Return the output, from the steady state of the first input (from rest for a resting model).
 
         Parameters
         ----------
         u : array_like, shape (n_samples,)
+        transient : array_like, shape (n_samples,), optional
+            Added to the front block's output: its free response to another initial state.
 
         Returns
         -------
@@ -88,7 +90,8 @@ class WienerHammerstein:
         UsageError
             If the input has another shape or is not finite.
         """
-        columns = Columns(self, checked_input(u))
+        extra = None if transient is None else np.asarray(transient, dtype=np.float64)
+        columns = Columns(self, checked_input(u), transient=extra)
         blocks = [
             columns.next_rows(min(BLOCK_ROWS, columns.n_left)) @ self.map.coefficients
             for _ in range(0, columns.n_left, BLOCK_ROWS)

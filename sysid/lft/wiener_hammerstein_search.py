@@ -54,7 +54,10 @@ class Found:
 
 @dataclass(frozen=True)
 class Screening:
-    """The best model of a multi-start on few rows, and whether others ended there."""
+    """The best model of a multi-start on few rows, and whether others ended there.
+
+    A model that was given has no searches.
+    """
 
     model: WienerHammerstein
     n_searches: int
@@ -79,11 +82,15 @@ def screen(
         if progress is not None:
             progress(count + 1, len(starts) + LEADING)
     ends.sort(key=lambda end: end.rms)
-    leading = [search(more, end.model, LEADING_INTERVALS, COARSE_STEP) for end in ends[:LEADING]]
+    leading = []
+    for end in ends[:LEADING]:
+        leading.append(search(more, end.model, LEADING_INTERVALS, COARSE_STEP))
+        if progress is not None:
+            progress(len(starts) + len(leading), len(starts) + LEADING)
     leading.sort(key=lambda end: end.rms)
     best = leading[0]
     near = [end for end in leading if end.rms <= (1.0 + AGREEMENT) * best.rms]
-    return Screening(best.model, len(ends), len(near) > 1)
+    return Screening(best.model, len(ends), len(near) > 1 or len(ends) == 1)
 
 
 def refine(segments: tuple[Segment, ...], start: WienerHammerstein, intervals: int) -> Found:

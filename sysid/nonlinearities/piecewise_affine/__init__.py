@@ -4,6 +4,8 @@
 * `KPlane`: clustering by residuals with restarts, then polyhedral regions;
 * `GlobalSearch`: exact for scalar z and for two modes in the plane, otherwise many descents.
 
+`Joined` puts any of them under a search for kinks: borders at which the map does not jump.
+
 Each is a `Stage`, called with (z, w, rng), and returns a `PiecewiseAffineFit`.
 """
 
@@ -16,6 +18,7 @@ from sysid.nonlinearities.piecewise_affine.choice import (
 )
 from sysid.nonlinearities.piecewise_affine.fit import PiecewiseAffineFit, Stage, label_error
 from sysid.nonlinearities.piecewise_affine.global_search import global_search
+from sysid.nonlinearities.piecewise_affine.joined import Joined, joined
 from sysid.nonlinearities.piecewise_affine.k_plane import k_plane
 from sysid.nonlinearities.piecewise_affine.map import PiecewiseAffineMap
 from sysid.nonlinearities.piecewise_affine.stages import BoundedError, GlobalSearch, KPlane
@@ -23,6 +26,7 @@ from sysid.nonlinearities.piecewise_affine.stages import BoundedError, GlobalSea
 __all__ = [
     "BoundedError",
     "GlobalSearch",
+    "Joined",
     "KPlane",
     "ModesAgainstDelta",
     "PiecewiseAffineFit",
@@ -30,6 +34,7 @@ __all__ = [
     "Stage",
     "bounded_error",
     "global_search",
+    "joined",
     "k_plane",
     "knee",
     "label_error",

@@ -13,7 +13,7 @@ from sysid.nonlinearities.piecewise_affine.fit import (
     in_the_middle,
     region_labels,
 )
-from sysid.nonlinearities.piecewise_affine.points import Points, regions_of
+from sysid.nonlinearities.piecewise_affine.points import Points, neighbourhoods, regions_of
 from sysid.nonlinearities.piecewise_affine.refinement import INFEASIBLE, refined
 from sysid.nonlinearities.piecewise_affine.relaxation import largest_subsystem
 from sysid.nonlinearities.piecewise_affine.separation import Separation, separated
@@ -44,7 +44,7 @@ def bounded_error(
 ) -> PiecewiseAffineFit:
     """Fit a piecewise affine map with as few submodels as a bound on the error allows.
 
-    The procedure of Bemporad, Garulli, Paoletti and Vicino (2005), Section 5.1.1 of Pepona (2011):
+    The procedure of Bemporad, Garulli, Paoletti and Vicino (2005), Section 5.1.1 of Pepona (2009):
 
     1. the submodel that explains the most points within ``delta`` is searched for by randomised
        relaxation, its points are put aside, and so on with the rest (minimum partition into feasible
@@ -186,11 +186,11 @@ def partition(
     z, w = points.z, points.w
     found: list[Floats] = []
     while z.shape[0] >= smallest and len(found) < MOST_MODES:
-        seeds = np.concatenate([[-1], rng.integers(0, z.shape[0], starts - 1)])
+        seeds = rng.integers(0, z.shape[0], starts - 1)
         orders = rng.permuted(np.tile(np.arange(z.shape[0]), (cycles, 1)), axis=1)
         near = min(max(3 * (points.n_z + 1), z.shape[0] // 20), z.shape[0])
         theta = np.zeros((points.n_z + 1, points.n_w))
-        count = largest_subsystem(z, w, bound, seeds, near, orders, theta)
+        count = largest_subsystem(z, w, bound, neighbourhoods(z, seeds, near), orders, theta)
         if count < smallest and found:
             break
         found.append(theta)

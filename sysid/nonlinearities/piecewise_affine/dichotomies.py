@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid._compile import compiled
+from sysid.nonlinearities.piecewise_affine.kernels import ascending
 
 Floats = NDArray[np.float64]
 Labels = NDArray[np.intp]
@@ -37,16 +38,22 @@ def best_line(z: Floats, w: Floats, pivots: Labels, least: int) -> tuple[float, 
     cost, low, high = found[best]
     if not np.isfinite(cost):
         return None
+    pivot = int(pivots[best])
+    return float(cost), separating(z, pivot, low, high), pivot
+
+
+def separating(z: Floats, pivot: int, low: float, high: float) -> Floats:
+    """Return h of a line of a direction between two, just beside the pivot, which is on its left."""
     angle = 0.5 * (low + high)
     normal = np.array([-np.sin(angle), np.cos(angle)])  # points to the left of the line's direction
-    offset = (z - z[pivots[best]]) @ normal
+    offset = (z - z[pivot]) @ normal
     right = offset[offset < -1e-12]
     shift = 0.5 * float(-right.max()) if right.size else 0.5
-    return float(cost), np.append(normal, shift - z[pivots[best]] @ normal), int(pivots[best])
+    return np.append(normal, shift - z[pivot] @ normal)
 
 
 @compiled
-def _add(z: Floats, w: Floats, k: int, sign: float, sums: Floats) -> None:
+def add_to_side(z: Floats, w: Floats, k: int, sign: float, sums: Floats) -> None:
     """Change a side's sums: count, x, y, xx, xy, yy, then w, wx, wy of each output."""
     x, y = z[k, 0], z[k, 1]
     sums[0] += sign
@@ -63,7 +70,7 @@ def _add(z: Floats, w: Floats, k: int, sign: float, sums: Floats) -> None:
 
 
 @compiled
-def _explained(sums: Floats, n_w: int) -> float:
+def explained(sums: Floats, n_w: int) -> float:
     """Return the sum of squares that an affine submodel explains, its mean included."""
     count = sums[0]
     if count < 0.5:
@@ -99,7 +106,7 @@ def _turn(z: Floats, w: Floats, pivots: Labels, least: int, found: Floats) -> No
     everything, left, right = np.zeros(6 + 3 * n_w), np.zeros(6 + 3 * n_w), np.zeros(6 + 3 * n_w)
     power = 0.0
     for k in range(n):
-        _add(z, w, k, 1.0, everything)
+        add_to_side(z, w, k, 1.0, everything)
         for c in range(n_w):
             power += w[k, c] * w[k, c]
     angle, leaves = np.empty(n), np.empty(n, np.bool_)
@@ -114,15 +121,15 @@ def _turn(z: Floats, w: Floats, pivots: Labels, least: int, found: Floats) -> No
             if dx == 0.0 and dy == 0.0:
                 angle[k] = np.inf  # goes with the pivot
                 together += 1
-                _add(z, w, k, 1.0, left)
+                add_to_side(z, w, k, 1.0, left)
                 continue
             leaves[k] = dy > 0.0 or (dy == 0.0 and dx > 0.0)  # from left to right as the line passes
             if leaves[k]:
                 angle[k] = np.arctan2(dy, dx)
-                _add(z, w, k, 1.0, left)
+                add_to_side(z, w, k, 1.0, left)
             else:
                 angle[k] = np.arctan2(-dy, -dx) if dy < 0.0 else 0.0
-        order = np.argsort(angle)
+        order = ascending(angle)
         events = n - together
         if events == 0:
             continue
@@ -132,11 +139,11 @@ def _turn(z: Floats, w: Floats, pivots: Labels, least: int, found: Floats) -> No
             if here > before + 1e-12 and left[0] > least - 0.5 and n - left[0] > least - 0.5:
                 for j in range(left.shape[0]):
                     right[j] = everything[j] - left[j]
-                cost = power - _explained(left, n_w) - _explained(right, n_w)
+                cost = power - explained(left, n_w) - explained(right, n_w)
                 if cost < found[a, 0]:
                     found[a, 0] = max(cost, 0.0)
                     found[a, 1] = before
                     found[a, 2] = here
             k = order[event]
-            _add(z, w, k, -1.0 if leaves[k] else 1.0, left)
+            add_to_side(z, w, k, -1.0 if leaves[k] else 1.0, left)
             before = here

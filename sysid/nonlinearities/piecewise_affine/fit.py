@@ -130,10 +130,12 @@ def assembled(
     exact: bool = False,
     agreement: float = 1.0,
     outliers: NDArray[np.bool_] | None = None,
+    theta: Floats | None = None,
 ) -> PiecewiseAffineFit:
     """Return the fit of given separators whose submodels are fitted to the points labelled ``fitted``.
 
-    A negative label leaves a point out.  Modes are put in order of the mean of z's first column.
+    A negative label leaves a point out; scaled submodels ``theta`` are taken as they are.  Modes are put in
+    order of the mean of z's first column.
     """
     owners = np.arange(separators.shape[0]) if owners is None else owners
     modes = int(owners.max()) + 1
@@ -141,7 +143,7 @@ def assembled(
     place = np.argsort(order)
     owners, fitted = place[owners], np.where(fitted >= 0, place[np.maximum(fitted, 0)], -1)
     rows = np.argsort(owners, kind="stable")
-    theta = points.polished(fitted, modes)
+    theta = points.polished(fitted, modes) if theta is None else theta[order]
     found = points.in_units(theta, separators[rows], owners[rows])
     labels = found.mode(points.original_z)  # a point on a border may change sides by rounding
     costs = points.costs(theta)[np.arange(points.n), labels]
@@ -164,7 +166,7 @@ def in_the_middle(points: Points, separators: Floats, ways: Floats, kept: Labels
     z = points.z if kept is None else np.ascontiguousarray(points.z[kept])
     middle = _midpoints(z, separators) if points.n_z == 1 else centred(z, separators, ways)
     before, after = regions_of(z, separators), regions_of(z, middle)
-    return middle if label_error(after, before) == 0.0 else separators
+    return middle if np.array_equal(after, before) else separators
 
 
 def region_labels(points: Points, separators: Floats) -> Labels:

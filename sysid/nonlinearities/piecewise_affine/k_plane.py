@@ -4,10 +4,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid._compile import compiled
-from sysid.nonlinearities.piecewise_affine.descent import assign, classifier, descend, directions
+from sysid.nonlinearities.piecewise_affine.descent import assign, classifier, descend, directions, roam
 from sysid.nonlinearities.piecewise_affine.fit import PiecewiseAffineFit, finished
 from sysid.nonlinearities.piecewise_affine.kernels import fill_costs, fit_modes
-from sysid.nonlinearities.piecewise_affine.points import Points
+from sysid.nonlinearities.piecewise_affine.points import Points, neighbourhoods
 
 Floats = NDArray[np.float64]
 Labels = NDArray[np.intp]
@@ -15,6 +15,8 @@ Labels = NDArray[np.intp]
 WHO = "k-plane clustering"
 REFINED = 3
 """So many of the best different clusterings are made polyhedra, and the best map is kept."""
+PATIENCE = 30
+"""Its separators then move along random directions until so many in turn do not help."""
 
 
 def k_plane(
@@ -83,6 +85,7 @@ def k_plane(
             "region, so one affine map is returned: ask for fewer modes"
         )
         return finished(points, np.zeros((1, points.n_z + 1)), status, agreement=reached)
+    best_rows, _ = roam(points, best_rows, best_cost, rng, least, patience=PATIENCE)
     status = f"{reached:.0%} of {restarts} restarts agree on the best clustering"
     if reached * restarts < 2 and restarts > 1:
         status += "; a better one may exist: take more restarts or fewer modes"
@@ -98,7 +101,8 @@ def clusterings(
     near = min(max(3 * (points.n_z + 1), points.n // (8 * modes)), points.n)
     labels = np.empty((seeds.shape[0], points.n), dtype=np.intp)
     costs = np.empty(seeds.shape[0])
-    _cluster(points.z, points.w, seeds, near, least, labels, costs)
+    members = neighbourhoods(points.z, seeds.ravel(), near).reshape(*seeds.shape, near)
+    _cluster(points.z, points.w, members, least, labels, costs)
     return labels, costs
 
 
@@ -123,31 +127,23 @@ def _different(labels: Labels, costs: Floats) -> list[Labels]:
 
 
 @compiled
-def _cluster(
-    z: Floats, w: Floats, seeds: Labels, near: int, least: int, labels: Labels, costs: Floats
-) -> None:
-    """Run k-plane clustering from neighbourhoods of given points; a lost mode makes a cost infinite."""
+def _cluster(z: Floats, w: Floats, members: Labels, least: int, labels: Labels, costs: Floats) -> None:
+    """Run k-plane clustering from given neighbourhoods; a lost mode makes a cost infinite.
+
+    ``members`` (starts, modes, size) are the points that each submodel is fitted to at first.
+    """
     n, n_z = z.shape
-    modes = seeds.shape[1]
+    starts, modes, size = members.shape
     theta = np.zeros((modes, n_z + 1, w.shape[1]))
     counts = np.zeros(modes, np.intp)
     squared = np.empty((n, modes))
-    distance = np.empty(n)
-    for start in range(seeds.shape[0]):
+    for start in range(starts):
         now = labels[start]
-        for i in range(modes):  # a submodel through the neighbours of its seed
-            for k in range(n):
-                distance[k] = 0.0
-                for j in range(n_z):
-                    distance[k] += (z[k, j] - z[seeds[start, i], j]) ** 2
-            bound = np.partition(distance, near - 1)[near - 1]
-            for k in range(n):
-                now[k] = i if distance[k] <= bound else -1
-            own = theta[i : i + 1]
-            for k in range(n):
-                if now[k] == i:
-                    now[k] = 0
-            fit_modes(z, w, now, own, counts[i : i + 1])
+        for i in range(modes):
+            now[:] = -1
+            for a in range(size):
+                now[members[start, i, a]] = 0
+            fit_modes(z, w, now, theta[i : i + 1], counts[i : i + 1])
         costs[start] = np.inf
         now[:] = -1
         for _ in range(100):
@@ -163,9 +159,9 @@ def _cluster(
             if moved == 0:
                 break
             total = fit_modes(z, w, now, theta, counts)
-            if counts.min() < least:
-                total = np.inf
+            smallest = n
+            for i in range(modes):
+                smallest = min(smallest, counts[i])
+            costs[start] = total if smallest >= least else np.inf
+            if smallest < least:
                 break
-            costs[start] = total
-        if counts.min() < least:
-            costs[start] = np.inf

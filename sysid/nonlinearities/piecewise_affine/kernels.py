@@ -60,6 +60,12 @@ def fill_costs(z: Floats, w: Floats, theta: Floats, out: Floats) -> None:
 
 
 @compiled
+def ascending(values: Floats) -> Labels:
+    """Return the indices that sort values; a function of its own, for sorting is long to compile."""
+    return np.argsort(values)
+
+
+@compiled
 def add_point(z: Floats, w: Floats, k: int, sign: float, sums: Floats) -> None:
     """Add point ``k`` to a mode's sums (or take it out): products of [1, z] with [1, z, w], and w^2."""
     n_z, n_w = z.shape[1], w.shape[1]
@@ -209,7 +215,7 @@ def best_step(z: Floats, w: Floats, rows: Floats, i: int, d: Floats, least: int)
     for r in range(regions):
         cost[r] = squares(sums[r], n_z, work)
         small += sums[r, 0, 0] < least - 0.5
-    order = np.argsort(place)
+    order = ascending(place)
     first = 0
     while first < n and place[order[first]] == -np.inf:
         first += 1
@@ -246,7 +252,7 @@ def best_step_of_costs(z: Floats, costs: Floats, rows: Floats, i: int, d: Floats
     n = z.shape[0]
     rival, place, gain = np.empty(n, np.intp), np.empty(n), np.empty(n)
     thresholds(z, rows, i, d, rival, place, gain)
-    order = np.argsort(place)
+    order = ascending(place)
     total = now = 0.0
     for k in range(n):
         change = costs[k, i] - costs[k, rival[k]]

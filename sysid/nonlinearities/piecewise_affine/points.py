@@ -171,6 +171,12 @@ def regions_of(z: Floats, separators: Floats) -> Labels:
     return regions
 
 
+def neighbourhoods(z: Floats, seeds: Labels, size: int) -> Labels:
+    """Return the ``size`` points nearest to each of some points, shape (n_seeds, size)."""
+    distance = ((z[seeds][:, None, :] - z) ** 2).sum(axis=2)
+    return np.asarray(np.argpartition(distance, size - 1, axis=1)[:, :size], dtype=np.intp)
+
+
 def _matrix(values: ArrayLike, name: str, who: str) -> Floats:
     array = np.asarray(values, dtype=np.float64)
     if array.ndim not in (1, 2) or array.size == 0:

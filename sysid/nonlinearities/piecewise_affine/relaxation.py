@@ -17,6 +17,14 @@ Labels = NDArray[np.intp]
 
 
 @compiled
+def put(source: Floats, target: Floats) -> None:
+    """Copy a submodel; loops are far quicker to compile than an assignment of slices."""
+    for j in range(source.shape[0]):
+        for c in range(source.shape[1]):
+            target[j, c] = source[j, c]
+
+
+@compiled
 def misfit(z: Floats, w: Floats, theta: Floats, k: int) -> float:
     """Return the largest residual, over the outputs, of point ``k``."""
     n_z = z.shape[1]
@@ -72,7 +80,7 @@ def relax(z: Floats, w: Floats, theta: Floats, delta: float, orders: Labels, hot
         count = satisfied(z, w, now, delta)
         if count > best:
             best = count
-            theta[:] = now
+            put(now, theta)
     return best
 
 
@@ -91,50 +99,38 @@ def grow(z: Floats, w: Floats, theta: Floats, delta: float) -> int:
         if count <= best:
             break
         best = count
-        theta[:] = trial[0]
+        put(trial[0], theta)
     return best
 
 
 @compiled
-def neighbourhood(z: Floats, w: Floats, seed: int, near: int, theta: Floats) -> None:
-    """Fill the least-squares submodel of the ``near`` points nearest to point ``seed``."""
-    distance = np.zeros(z.shape[0])
-    for k in range(z.shape[0]):
-        for j in range(z.shape[1]):
-            distance[k] += (z[k, j] - z[seed, j]) ** 2
-    bound = np.partition(distance, near - 1)[near - 1]
-    labels = np.empty(z.shape[0], np.intp)
-    for k in range(z.shape[0]):
-        labels[k] = 0 if distance[k] <= bound else -1
-    one = np.zeros((1, theta.shape[0], theta.shape[1]))
-    fit_modes(z, w, labels, one, np.empty(1, np.intp))
-    theta[:] = one[0]
-
-
-@compiled
 def largest_subsystem(
-    z: Floats, w: Floats, delta: float, seeds: Labels, near: int, orders: Labels, theta: Floats
+    z: Floats, w: Floats, delta: float, members: Labels, orders: Labels, theta: Floats
 ) -> int:
-    """Fill the submodel that satisfies the most points, of one start a seed; return how many.
+    """Fill the submodel that satisfies the most points, of several starts; return how many.
 
-    A seed < 0 starts from the fit of all points, another one from that of its neighbourhood.
+    The first start is the fit of all points, the others are those of ``members`` (n_starts, size).
     """
     n = z.shape[0]
-    now = np.zeros(theta.shape)
-    violations = np.empty(n)
+    now = np.zeros((1, theta.shape[0], theta.shape[1]))
+    labels, counts = np.empty(n, np.intp), np.empty(1, np.intp)
     best = -1
-    for seed in seeds:
-        neighbourhood(z, w, max(seed, 0), n if seed < 0 else near, now)
-        count = 0
+    for start in range(-1, members.shape[0]):
+        labels[:] = 0 if start < 0 else -1
+        if start >= 0:
+            for k in members[start]:
+                labels[k] = 0
+        fit_modes(z, w, labels, now, counts)
+        count, total = 0, 0.0
         for k in range(n):
-            violation = misfit(z, w, now, k) - delta
+            violation = misfit(z, w, now[0], k) - delta
             if violation > 0.0:
-                violations[count] = violation
+                total += violation
                 count += 1
         if count > 0:
-            relax(z, w, now, delta, orders, np.median(violations[:count]))
-        found = grow(z, w, now, delta)
+            relax(z, w, now[0], delta, orders, total / count)
+        found = grow(z, w, now[0], delta)
         if found > best:
             best = found
-            theta[:] = now
+            put(now[0], theta)
     return best

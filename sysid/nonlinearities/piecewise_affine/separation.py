@@ -87,11 +87,13 @@ def by_support_vectors(z: Floats, labels: Labels, classes: int) -> Floats:
         from sklearn.svm import LinearSVC
     except ImportError as error:
         raise UsageError(
-            "separation 'svm' needs scikit-learn, which is not installed; install it, or take "
-            "'linear-programming', which needs nothing more"
+            "separation 'svm' needs scikit-learn, which is not installed; install sysid with the extra "
+            "`svm`, or take 'linear-programming', which needs nothing more"
         ) from error
-    multi = "crammer_singer" if classes > 2 else "ovr"
-    machine = LinearSVC(C=10.0, multi_class=multi, max_iter=20_000, random_state=0, dual=True)
+    if classes > 2:
+        machine = LinearSVC(C=10.0, multi_class="crammer_singer", max_iter=100_000, random_state=0)
+    else:
+        machine = LinearSVC(C=10.0, dual=False, max_iter=100_000)
     machine.fit(z, labels)
     rows = np.column_stack([machine.coef_, machine.intercept_])
     return np.concatenate([np.zeros((1, rows.shape[1])), rows]) if classes == 2 else rows
