@@ -52,7 +52,7 @@ def stages(example: Example, name: str) -> tuple[Stage, ...]:
         return tuple(BoundedError(delta, discard=SMALLEST_MODE) for delta in example.deltas)
     if name == "k-plane":
         return (KPlane(2, restarts=8),)
-    return (GlobalSearch(2, exact_up_to=200, pivots=48),)
+    return (GlobalSearch(2),)
 
 
 def alternate(example: Example, u: Floats, y: Floats, stage: str, rng: np.random.Generator) -> AlternatingFit:

@@ -221,7 +221,39 @@ WIENER_HAMMERSTEIN = Structure(
     "sysid.diagnosis.wiener_hammerstein_model:fit_wiener_hammerstein_structure",
 )
 
-STRUCTURES: tuple[Structure, ...] = (LFT, WIENER_HAMMERSTEIN)
+
+def positive(text: str) -> float:
+    """Return a positive number."""
+    value = float(text) if text.replace(".", "", 1).replace("e-", "", 1).isdigit() else 0.0
+    if not value > 0.0:
+        raise UsageError("give a positive number")
+    return value
+
+
+PIECEWISE_AFFINE = Structure(
+    "piecewise-affine",
+    "A(q) y = B(q) u + G(q) f(z) + e with an f that is affine in each of several regions and may jump "
+    "between "
+    "them, by one-step prediction error",
+    (
+        *(option for option in LFT.options if option.flag in ("--z", "--a-order", "--g-order", "--b-lags")),
+        Option(
+            "--modes", "modes", whole(2), "N", "regions of a piecewise affine map (default: chosen, 2 to 4)"
+        ),
+        Option(
+            "--map-stage",
+            "stage",
+            one_of("k-plane", "global", "bounded-error"),
+            "k-plane|global|bounded-error",
+            "how a piecewise affine map is first fitted (default: k-plane)",
+        ),
+        Option("--delta", "delta", positive, "D", "bound on the error of the stage bounded-error"),
+        SEED,
+    ),
+    "sysid.diagnosis.piecewise_model:fit_piecewise_structure",
+)
+
+STRUCTURES: tuple[Structure, ...] = (LFT, WIENER_HAMMERSTEIN, PIECEWISE_AFFINE)
 
 
 def find_structure(name: str) -> Structure:

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import DataError, SysidError, UsageError
-from sysid.lft import wiener_hammerstein_files
+from sysid.lft import piecewise_files, wiener_hammerstein_files
 from sysid.lft.model import LftModel
+from sysid.lft.piecewise import PiecewiseLft
 from sysid.lft.structure import LftStructure
 from sysid.lft.wiener_hammerstein_model import WienerHammerstein
 from sysid.nonlinearities.spline import Spline
@@ -37,7 +38,7 @@ def save(model: LftModel, path: str | Path) -> None:
         raise UsageError(f"{path} cannot be written ({problem.strerror}): choose another place") from None
 
 
-def load(path: str | Path) -> LftModel | WienerHammerstein:
+def load(path: str | Path) -> LftModel | WienerHammerstein | PiecewiseLft:
     """Read a model that `save`, or `--save` on the command line, wrote.
 
     Raises
@@ -60,8 +61,9 @@ def load(path: str | Path) -> LftModel | WienerHammerstein:
     """
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
-        if content["kind"] == wiener_hammerstein_files.KIND:
-            return wiener_hammerstein_files.from_json(content)
+        for other in (wiener_hammerstein_files, piecewise_files):
+            if content["kind"] == other.KIND:
+                return other.from_json(content)  # type: ignore[no-any-return]
         return from_json(content)
     except OSError as problem:
         raise DataError(f"{path} cannot be read ({problem.strerror}): give a saved model") from None
