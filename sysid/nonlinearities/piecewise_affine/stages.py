@@ -85,7 +85,7 @@ class GlobalSearch:
     """
 
     modes: int
-    exact_up_to: int = 5000
+    exact_up_to: int = 1_000_000
     pivots: int = 64
     restarts: int = 20
     min_points: int | None = None
