@@ -11,7 +11,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from replications.borges import flops, timing
+from replications.borges import flops, peer, timing
 from sysid.local_linear import Experiment, Sizes, blocked_cost
 from sysid.local_linear import gradients as g
 from sysid.local_linear.passes import fly, regressors, sensitivities
@@ -176,49 +176,13 @@ def test_first_call_and_the_cache(benchmark, table, tmp_path, monkeypatch):
     benchmark.pedantic(lambda: None, rounds=1)
 
 
-def jax_functions(sizes, experiment):
-    """Return the simulated output and its Jacobian as JAX writes them: scan, forward mode, compiled."""
-    jax = pytest.importorskip("jax", reason="the peer comes with the extra `benchmark`")
-    jax.config.update("jax_enable_x64", True)
-    jnp = jax.numpy
-    n, s, p, q = sizes.n_states, sizes.n_models, sizes.n_outputs, sizes.n_scheduling
-    inputs, scheduling = jnp.asarray(experiment.inputs), jnp.asarray(experiment.scheduling)
-    cuts = np.cumsum([n * n * s, n * p, s * q])
-
-    def outputs(eta, G):
-        A, C, widths, centres = jnp.split(eta, cuts)
-        local = A.reshape(n, s, n).transpose(1, 0, 2)
-        B = G.reshape(n, s, -1).transpose(1, 0, 2)
-        off = (scheduling[:, None] - centres.reshape(s, q)) * widths.reshape(s, q)
-        weights = jax.nn.softmax(-jnp.sum(off**2, axis=2), axis=1)
-
-        def step(x, now):
-            weight, u = now
-            return weight @ (local @ x + B @ u), C.reshape(p, n) @ x
-
-        return jax.lax.scan(step, jnp.zeros(n), (weights, inputs))[1].ravel()
-
-    return jax, jax.jit(jax.jacfwd(outputs))
-
-
 def test_jax_beside_ours(benchmark, table):
+    pytest.importorskip("jax", reason="the peer comes with the extra `benchmark`")
+    found = peer.times()
+    assert found["jax_difference"] < 1e-9
+    benchmark.extra_info.update(found)
+    table(f"\nJAX (jit, jacfwd, scan) over ours, 2b at N = 1000: {found[peer.NAME]:.1f}")
+    table(f"first call of JAX {found['jax_compiling_seconds']:.1f} s")
     sizes, eta, experiment, G = case(3, 4, 1000)
-    jax, derivative = jax_functions(sizes, experiment)
-    one = course(sizes, eta, experiment)
     out = np.empty((1000, 2, sizes.n_eta))
-    begin = time.perf_counter()
-    theirs = np.asarray(jax.block_until_ready(derivative(eta, G)))
-    compiling = time.perf_counter() - begin
-    ours = g.approach_2b(one, G, out=out)
-    assert np.allclose(-ours, theirs, rtol=1e-8, atol=1e-9)
-    wall = time.perf_counter  # JAX has threads of its own
-    peer = timing.best(lambda: jax.block_until_ready(derivative(eta, G)), 1.0, clock=wall)
-    # Ours with the weights, which are part of JAX's function too.
-    flight = fly(one, G)
-    mine = timing.best(
-        lambda: g.approach_2b(course(sizes, eta, experiment), G, out=out, into=flight), 0.3, clock=wall
-    )
-    benchmark.extra_info.update({"jax_over_ours_2b": peer / mine, "jax_compiling_seconds": compiling})
-    table(f"\nJAX (jit, jacfwd, scan) over ours, 2b at N = 1000: {peer / mine:.1f}")
-    table(f"first call of JAX {compiling:.1f} s")
     benchmark(lambda: g.approach_2b(course(sizes, eta, experiment), G, out=out))

@@ -97,6 +97,18 @@ def test_the_same_seed_gives_the_same_numbers():
     assert first == second
 
 
+def test_candidates_fitted_side_by_side_give_the_same_answer():
+    few = ["in_saturation", "in_deadzone", "quad_drag", "out_offset"]
+    alone, side_by_side = (
+        sysid.diagnose(record_of("quad_drag"), "linear", 2, initial_state="rest", effects=few, **keywords)
+        for keywords in ({}, {"jobs": 2, "progress": True})
+    )
+    first, second = alone.to_json() | {"seconds": 0}, side_by_side.to_json() | {"seconds": 0}
+    assert json.dumps(first) == json.dumps(second)
+    with pytest.raises(UsageError, match="jobs is 0: give 1 or more"):
+        sysid.diagnose(record_of("quad_drag"), jobs=0)
+
+
 def test_effects_are_added_by_hand_and_offered_only_where_they_make_sense():
     found = diagnosed("in_saturation", effects=["out_offset"])
     model = found.add("in_saturation").fit()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from replications.borges import checks, setting
+from replications.borges import checks, peer, setting
 from replications.borges.derivatives import derivative_numbers
 from replications.borges.errata import condition_numbers, errata
 from replications.borges.flops import flop_numbers
@@ -73,8 +73,11 @@ class Borges:
                 case: session.study(case, task, n) for case, (task, n) in self.plan(session.runs).items()
             }
         numbers |= study_numbers(studies)
-        session.timings.update(ratios(session.smoke))
-        tables = {"errata": [erratum.to_json() for erratum in found_errata]}
+        beside = peer.times(0.1 if session.smoke else 0.5)
+        session.timings.update(ratios(session.smoke) | beside)
+        tables: dict[str, object] = {"errata": [erratum.to_json() for erratum in found_errata]}
+        if beside[peer.NAME] is None:
+            tables["notes"] = {peer.NAME: peer.MISSING}
         claims = [judge(claim, numbers[claim.number]) for claim in read(self.claims_file)]
         gates = checks.gates(studies, numbers, found_errata, claims)
         return PaperResult(claims, gates, tables, monte_carlo(studies), numbers)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from replications import diagrams
-from replications.borges import setting
+from replications.borges import peer, setting
 from replications.borges.flops import ROWS
 from replications.errata import show_errata
 from sysid.reporting import display
@@ -269,10 +269,19 @@ def table_2(results: Results) -> Display:
             f"{display.number(timings['gigabytes_a_second_2b'], digits=3)} GB/s. The exact Jacobian takes "
             f"{display.number(timings['exact_over_approach1'], digits=2)} of approach 1, Kaufman's "
             f"{display.number(timings['kaufman_over_approach1'], digits=2)}, and the gradient by the adjoint "
-            f"{display.number(timings['adjoint_over_2b'], digits=2)} of 2b. Times differ from run to run "
-            "and are no gates."
+            f"{display.number(timings['adjoint_over_2b'], digits=2)} of 2b. {peer_sentence(results)} Times "
+            "differ from run to run and are no gates."
         ),
     )
+
+
+def peer_sentence(results: Results) -> str:
+    """Say how JAX compares, or why it was not measured."""
+    ratio = timings_of(results).get(peer.NAME)
+    if ratio is None:
+        return f"{peer.MISSING}."
+    times = display.number(ratio, digits=3)
+    return f"JAX (jit, forward mode and scan) takes {times} times as long as ours for 2b."
 
 
 def long_records(results: Results) -> Display:

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.local_linear import Experiment, Problem, Sizes
-from sysid.local_linear.fit import linear_starts
 from sysid.local_linear.problem import Jacobian
+from sysid.local_linear.search import linear_starts
 
 Floats = NDArray[np.float64]
 

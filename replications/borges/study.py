@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from replications.borges import setting
 from sysid.local_linear import LocalLinearModel, Problem, Sizes, identity_descent
-from sysid.local_linear.fit import linear_starts
 from sysid.local_linear.problem import JACOBIANS, At
+from sysid.local_linear.search import linear_starts
 from sysid.separable import descend
 from sysid.separable.factor import fold
 

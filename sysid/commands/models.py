@@ -17,6 +17,7 @@ BLACK_BOXES = {
     "linear": "A(q) y = B(q) u + constant",
     "state-space": "x(k+1) = A x(k) + B u(k), y(k) = C x(k) + D u(k) + offset",
     "hammerstein-<map>": "A(q) y = B(q) N(u) + constant, N a saturation, dead-zone, preload, relay, ...",
+    "local-linear": "x(k+1) = sum of p_i(u(k)) (A_i x(k) + B_i u(k) + O_i), y(k) = C x(k)",
 }
 
 

@@ -2,7 +2,7 @@
 
 import operator
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +21,7 @@ from sysid.diagnosis.series import Series, judged_series
 from sysid.diagnosis.summary import data_json, model_json, sentences
 from sysid.diagnosis.where import Finding, Location, locate
 from sysid.errors import SysidError, UsageError
+from sysid.linear.forms import Floats
 
 if TYPE_CHECKING:
     from sysid.diagnosis.content import Content
@@ -207,8 +208,35 @@ def compare(
         delay=delay,
         constant=constant,
         initial_state=initial_state,
-        progress=_part_of(progress, 0, FITTING_SHARE),
+        progress=part_of(progress, 0, FITTING_SHARE),
     )
+    return judge(record, fitted, ports=ports, progress=progress)
+
+
+def judge(
+    record: Record,
+    fitted: FittedModel,
+    *,
+    ports: bool = True,
+    progress: Callable[[int, int], None] | None = None,
+) -> Comparison:
+    """Judge a fitted model on the rows it has not seen.
+
+    Parameters
+    ----------
+    record : Record
+    fitted : FittedModel
+        Fitted on the estimation rows, and on estimation and validation rows.
+    ports : bool
+        Whether to fit a free-form curve at each port of a linear or physical model.
+    progress : callable, optional
+        Called with the number of steps done and to do.
+
+    Returns
+    -------
+    Comparison
+    """
+    _check_output(record)
     prediction = fitted.predict(record)
     judged, rows = _judged_rows(record)
     delay_found = int(fitted.details().get("delay", 1))
@@ -216,7 +244,9 @@ def compare(
         judged_series(record, name, chosen, prediction.free_run, delay_found)
         for name, chosen in ((judged, rows), (record.estimation_label, record.learning))
     )
-    curves, notes = _explored(record, fitted, _part_of(progress, LOCATING_SHARE, 100)) if ports else ((), ())
+    location = locate(series, learned, part_of(progress, FITTING_SHARE, LOCATING_SHARE))
+    location = _with_reversals(location, series, prediction.free_run, fitted)
+    curves, notes = _explored(record, fitted, part_of(progress, LOCATING_SHARE, 100)) if ports else ((), ())
     return Comparison(
         record=record,
         model=fitted,
@@ -227,7 +257,7 @@ def compare(
         series=series,
         tests=_tests(series),
         distortion=_distortion(record, rows),
-        location=locate(series, learned, _part_of(progress, FITTING_SHARE, LOCATING_SHARE)),
+        location=location,
         warnings=(*_warnings(record, fitted), *notes),
         ports=curves,
     )
@@ -237,14 +267,10 @@ def _explored(
     record: Record, fitted: FittedModel, progress: Callable[[int, int], None] | None
 ) -> "tuple[tuple[PortView, ...], tuple[str, ...]]":
     """Return the free-form curves at the ports, or a note why there are none."""
-    from sysid.diagnosis.adapters import LinearModel, PhysicalModel
     from sysid.diagnosis.ports import explore_ports
 
-    if isinstance(fitted, LinearModel):
-        plant: OutputErrorFit | PhysicsFit = fitted.choice.fit
-    elif isinstance(fitted, PhysicalModel):
-        plant = fitted.fit
-    else:
+    plant = _with_linear_part(fitted)
+    if plant is None:
         return (), ()
     try:
         return explore_ports(record, plant, progress=progress), ()
@@ -252,7 +278,31 @@ def _explored(
         return (), (f"Free-form curves at the ports of the model were not fitted: {problem}.",)
 
 
-def _part_of(
+def _with_linear_part(fitted: FittedModel) -> "OutputErrorFit | PhysicsFit | None":
+    """Return the fit whose linear part further effects can stand around, if the model has one."""
+    from sysid.diagnosis.adapters import LinearModel, PhysicalModel
+
+    if isinstance(fitted, LinearModel):
+        return fitted.choice.fit
+    return fitted.fit if isinstance(fitted, PhysicalModel) else None
+
+
+def _with_reversals(location: Location, series: Series, free_run: Floats, fitted: FittedModel) -> Location:
+    """Add what the residual tells of a force with the sign of the velocity, if no region told it."""
+    from sysid.diagnosis.ports.plants import plant_of
+    from sysid.diagnosis.reversal_force import reversal_finding
+
+    model = _with_linear_part(fitted)
+    if model is None or any(finding.kind == "velocity-sign" for finding in location.findings):
+        return location
+    try:
+        found = reversal_finding(series, free_run, plant_of(model))
+    except SysidError:  # a model that is not linear in state and input
+        return location
+    return location if found is None else replace(location, findings=(*location.findings, found))
+
+
+def part_of(
     progress: Callable[[int, int], None] | None, first: int, last: int
 ) -> Callable[[int, int], None] | None:
     """Return a callback that moves from one percentage to another."""

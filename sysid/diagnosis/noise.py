@@ -19,6 +19,15 @@ SHAPED_LAGS = 3
 KNOTS = (0.05, 0.15, 0.3, 0.5, 0.7, 0.85, 0.95)
 PASSES = 5
 ROWS_PER_REGRESSOR = 8
+# Spectrum of the free run's error: rows of a segment, and bands of which the quietest counts.
+LONGEST_SEGMENT, SEGMENTS, QUIET_BANDS = 256, 4, 12
+# Of so many equal bands the quietest lies by so many standard deviations below their mean.
+QUIETEST_OF_BANDS = 1.63
+# A window of Hann joins neighbouring lines, and segments that overlap by a half tell the same in part.
+LINES_JOINED, SEGMENTS_JOINED = 1.5, 1.2
+WIDE = 1.25
+ONE_STEP = "one-step error of a nonparametric nonlinear autoregression"
+QUIET = "the quietest frequencies of the error if noise is white"
 
 
 @dataclass(frozen=True)
@@ -35,25 +44,44 @@ class NoiseFloor:
         How it was had, or why not.
     repeated : bool
         Whether it rests on repetitions, and so holds slow disturbances too.
+    upper : float
+        A cautious estimate in the unit of the output; not below ``rms``.
     """
 
     rms: float
     nrmse: float
     method: str
     repeated: bool
+    upper: float
+
+    @property
+    def upper_nrmse(self) -> float:
+        """The cautious estimate as a share of the output's deviation."""
+        return self.nrmse * self.upper / self.rms if self.rms > 0.0 else self.nrmse
+
+    @property
+    def wide(self) -> bool:
+        """Whether the two estimates are so far apart that both are told."""
+        return bool(self.upper > WIDE * self.rms)
 
     def to_json(self) -> dict[str, Any]:
         """Return the form of the JSON file."""
         return {
             "nrmse": finite(self.nrmse),
             "rms": finite(self.rms),
+            "interval": [finite(self.nrmse), finite(self.upper_nrmse)],
             "method": self.method,
             "from_repetitions": self.repeated,
         }
 
 
 def noise_floor(record: Record, free_run: Floats, judged: Mask) -> NoiseFloor:
-    """Estimate the noise floor: from periods, from repeats, or by a flexible one-step predictor.
+    """Estimate the noise floor: from periods, from repeats, or by two bounds.
+
+    Without repetitions there are two.  A flexible one-step predictor leaves noise and what it could not
+    learn of the system.  The error of the model's free run at its quietest frequencies, where the system
+    hardly answers, is nearly all noise: taken for the level of white noise, it is seldom far too large.  The
+    smaller one is the estimate; of coloured noise it is a lower bound.
 
     Parameters
     ----------
@@ -72,21 +100,24 @@ def noise_floor(record: Record, free_run: Floats, judged: Mask) -> NoiseFloor:
     periodic = [p for part in record.slices if (p := periodic_part(record, part, everywhere)) is not None]
     repeated = True
     if periodic:
-        rms = _from_periods(periodic)
+        rms = upper = _from_periods(periodic)
         count = max(p.count for p in periodic)
         method = f"scatter between {count} periods of the input"
     elif (repeats := _from_repeats(record)) is not None:
         rms, count = repeats
+        upper = rms
         method = f"scatter between {count} experiments with the same input"
     else:
         repeated = False
-        rms = min(one_step_floor(record, free_run), error)
-        method = "one-step error of a nonparametric nonlinear autoregression"
+        upper = min(one_step_floor(record, free_run), error)
+        rms = min(quiet_floor(record, free_run), upper)
+        method = ONE_STEP if upper <= WIDE * rms else f"{QUIET}, to {ONE_STEP}"
     if not np.isfinite(rms) or spread == 0.0:
+        nothing = float("nan")
         return NoiseFloor(
-            float("nan"), float("nan"), "not estimated: too few rows, or a constant output", False
+            nothing, nothing, "not estimated: too few rows, or a constant output", False, nothing
         )
-    return NoiseFloor(rms, rms / spread, method, repeated)
+    return NoiseFloor(rms, rms / spread, method, repeated, upper)
 
 
 def _from_periods(parts: list[Periodic]) -> float:
@@ -172,6 +203,38 @@ def one_step_floor(record: Record, free_run: Floats) -> float:
             error[stretch.first :] = rest[place : place + count]
             place += count
     return min(floors)
+
+
+def quiet_floor(record: Record, free_run: Floats) -> float:
+    """Return the size of white noise whose level is that of the error at its quietest frequencies.
+
+    Parameters
+    ----------
+    record : Record
+    free_run : ndarray, shape (n_samples,)
+
+    Returns
+    -------
+    float
+        In the unit of the output; infinite where there are too few rows.
+    """
+    stretches = [rows for part in record.slices if (rows := _longest_measured(record, part)).size]
+    longest = max((rows.size for rows in stretches), default=0)
+    length = min(LONGEST_SEGMENT, longest // SEGMENTS) // 2 * 2
+    if length < 4 * QUIET_BANDS:
+        return float("inf")
+    window = np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
+    powers = []
+    for rows in stretches:
+        error = record.y[rows, 0] - free_run[rows]
+        for first in range(0, rows.size - length + 1, length // 2):
+            part = error[first : first + length]
+            powers.append(np.abs(np.fft.rfft(window * (part - part.mean()))[1:-1]) ** 2)
+    mean = np.mean(powers, axis=0) / np.sum(window**2)
+    bands = np.array([band.mean() for band in np.array_split(mean, QUIET_BANDS)])
+    freedom = len(powers) / SEGMENTS_JOINED * mean.size / QUIET_BANDS / LINES_JOINED
+    lowered = max(1.0 - QUIETEST_OF_BANDS / np.sqrt(freedom), 0.25)
+    return float(np.sqrt(bands.min() / lowered))
 
 
 def _longest_measured(record: Record, part: slice) -> NDArray[np.int64]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data import Record
 from sysid.diagnosis.series import Series
 from sysid.diagnosis.wording import quantity
 from sysid.linear.forms import Floats
@@ -87,8 +88,7 @@ def divisions(series: Series) -> tuple[Division, ...]:
     record = series.record
     output = record.outputs[0]
     unit = record.unit(output)
-    rate = f"{unit}/s" if unit else "1/s"
-    moving = "velocity" if unit in LENGTH_UNITS else f"rate of change of {output}"
+    moving, rate = moving_signal(record)
     found = [_by_time(series)]
     for index, name in enumerate(record.inputs):
         found.append(_by_level(series.u[:, index], "input", f"input {name}", record.unit(name)))
@@ -99,6 +99,14 @@ def divisions(series: Series) -> tuple[Division, ...]:
     if np.ptp(series.experiment) > 0:
         found.append(by_experiment(series))
     return tuple(kept for division in found if (kept := _usable(division)) is not None)
+
+
+def moving_signal(record: Record) -> tuple[str, str]:
+    """Return what the rate of change of the output is called, and its unit."""
+    output = record.outputs[0]
+    unit = record.unit(output)
+    name = "velocity" if unit in LENGTH_UNITS else f"rate of change of {output}"
+    return name, f"{unit}/s" if unit else "1/s"
 
 
 def _usable(division: Division) -> Division | None:

@@ -104,6 +104,14 @@ def _floor_sentence(comparison: "Comparison", judged: SetScore) -> str:
             f"The error is {percent(error)} of the signal; noise explains {percent(min(floor.nrmse, error))} "
             f"({floor.method}), so {percent(left)} is the model's."
         )
+    if floor.wide and (most := min(floor.upper_nrmse, error)) > SMALLEST_FLOOR:
+        least_left = max(_as_shown(error) - _as_shown(most), 0.0)
+        least = "up to " if least_left < NEGLIGIBLE * error else f"{percent(least_left)} to "
+        return (
+            f"The error is {percent(error)} of the signal; noise explains {percent(floor.nrmse)} to "
+            f"{percent(most)} ({floor.method}), so {least}{percent(left)} is the model's or a slow "
+            "disturbance, which only repetitions could tell apart."
+        )
     noise = percent(floor.nrmse) if floor.nrmse > SMALLEST_FLOOR else f"less than {percent(SMALLEST_FLOOR)}"
     return (
         f"The error is {percent(error)} of the signal; noise explains {noise} "

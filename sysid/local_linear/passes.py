@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.local_linear import kernels
+from sysid.local_linear import kernels, sweeps
 from sysid.local_linear.recursion import Respond, recursion
 from sysid.local_linear.structure import Course
 
@@ -89,11 +89,11 @@ def fly(course: Course, G: Floats, start: Floats | None = None, *, into: Flight 
     flight = into or Flight(
         np.empty((n_samples + 1, n)), np.empty((n_samples, 1, s * n)), np.empty((n_samples, n, 2 * s * q))
     )
-    blocks = G.reshape(n, s, -1).transpose(2, 1, 0)
-    gains = np.concatenate([course.local.transpose(2, 0, 1), blocks]).reshape(-1, s * n)
-    run = kernels.forward(n, s, sizes.n_inputs + 1, q)
-    begin = np.zeros(n) if start is None else start
-    run(course.weights, course.slopes, course.inputs, gains, begin, flight.x, flight.drives, flight.moves)
+    gains = np.empty((sizes.n_inputs + 1 + n, n, s))
+    gains[:-n], gains[-n:] = G.reshape(n, s, -1).transpose(2, 0, 1), course.local.transpose(2, 1, 0)
+    flight.x[0] = 0.0 if start is None else start
+    run = sweeps.forward(n, s, sizes.n_inputs + 1, q)
+    run(course.A, course.weights, course.slopes, course.inputs, gains, flight.x, flight.drives, flight.moves)
     return flight
 
 
@@ -159,8 +159,8 @@ def pull_back(course: Course, flight: Flight, r: Floats) -> Pull:
     mu = np.empty((course.A.shape[0], n))
     by_eta = np.zeros(sizes.n_eta)
     by_A, by_C, by_weights = np.split(by_eta, [n * n * s, sizes.n_dynamic])
-    run = kernels.backward(n, s, q, p)
-    run(course.A, course.C, r, flight.x, flight.drives, flight.moves, mu,
+    run = sweeps.backward(n, s, q, p)
+    run(course.A, course.C, np.ascontiguousarray(r), flight.x, flight.drives, flight.moves, mu,
         by_A.reshape(n, s * n), by_C.reshape(p, n), by_weights)  # fmt: skip
     return Pull(by_eta, mu)
 

@@ -10,13 +10,12 @@ from functools import lru_cache
 from typing import Any, cast
 
 import numpy as np
-from llvmlite import ir
-from numba.core import cgutils as untyped_cgutils
 from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from sysid._compile import compiled
+from sysid.local_linear.vector_code import Writer
 
 Floats = NDArray[np.float64]
 Respond = Callable[[Floats, Floats, Floats, int, Floats, int, Floats], int]
@@ -25,85 +24,46 @@ LANES = 4
 STRETCH = 4096
 """Entries of A_k that are used for all columns before the next: half of a first-level cache."""
 
-cgutils: Any = untyped_cgutils
-_WORD = ir.IntType(64)
-_REAL = ir.DoubleType()
-
 
 def chunks_in_registers(n_states: int) -> int:
     """Return how many vectors of columns one block has, so that states and sums fit the registers."""
     return 3 if n_states <= 4 else 2 if n_states <= 8 else 1
 
 
-def _emit(builder: Any, arguments: Any, n: int, n_outputs: int, lanes: int, chunks: int) -> None:
-    """Write the loop over time for one block of columns; addresses and strides are in bytes."""
+def _emit(code: Writer, arguments: Any, n: int, n_outputs: int, lanes: int, chunks: int) -> None:
+    """Write the loop over time for one block of columns."""
     steps, a, a_step, a_row, a_column, c, drives, out, out_step, out_row, x, x_row = arguments
-    vector = ir.VectorType(_REAL, lanes) if lanes > 1 else _REAL
-    # Fused where the processor can, and otherwise two instructions: never a call.
-    multiply_add = cgutils.get_or_insert_function(
-        builder.module,
-        ir.FunctionType(vector, [vector] * 3),
-        f"llvm.fmuladd.v{lanes}f64" if lanes > 1 else "llvm.fmuladd.f64",
-    )
+    builder, width = code.builder, lanes * chunks
 
-    def word(value: int) -> Any:
-        return ir.Constant(_WORD, value)
+    def parts(address: Any) -> list[Any]:
+        return [code.load(code.entry(address, j), lanes) for j in range(0, width, lanes)]
 
-    def along(base: Any, stride: Any, count: int) -> Any:
-        return builder.add(base, builder.mul(stride, word(count))) if count else base
+    def put(values: list[Any], address: Any) -> None:
+        for j, value in enumerate(values):
+            code.store(value, code.entry(address, j * lanes))
 
-    def pointer(address: Any, kind: Any) -> Any:
-        return builder.inttoptr(address, kind.as_pointer())
-
-    def load(address: Any, kind: Any) -> Any:
-        value = builder.load(pointer(address, kind))
-        value.align = 8
-        return value
-
-    def store(value: Any, address: Any) -> None:
-        builder.store(value, pointer(address, vector)).align = 8
-
-    def spread(scalar: Any) -> Any:
-        if lanes == 1:
-            return scalar
-        first = builder.insert_element(
-            ir.Constant(vector, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0)
-        )
-        zeros = ir.Constant(ir.VectorType(ir.IntType(32), lanes), [0] * lanes)
-        return builder.shuffle_vector(first, ir.Constant(vector, ir.Undefined), zeros)
-
-    width = 8 * lanes
-    gains = [[load(builder.add(c, word(8 * (o * n + b))), _REAL) for b in range(n)] for o in range(n_outputs)]
-    bases = [load(builder.add(drives, word(16 * e)), _WORD) for e in range(n)]
-    strides = [load(builder.add(drives, word(16 * e + 8)), _WORD) for e in range(n)]
-    state = [[cgutils.alloca_once(builder, vector) for _ in range(chunks)] for _ in range(n)]
-    for e in range(n):
-        for j in range(chunks):
-            address = builder.add(along(x, x_row, e), word(j * width))
-            builder.store(load(address, vector), state[e][j])
-    with cgutils.for_range(builder, steps, intp=_WORD) as loop:
-        k = loop.index
-        now = [[builder.load(state[e][j]) for j in range(chunks)] for e in range(n)]
-        here = builder.add(out, builder.mul(k, out_step))
+    gains = [[code.load(code.entry(c, o * n + b)) for b in range(n)] for o in range(n_outputs)]
+    bases = [code.load_word(code.entry(drives, 2 * e)) for e in range(n)]
+    strides = [code.load_word(code.entry(drives, 2 * e + 1)) for e in range(n)]
+    state = [[code.variable(lanes, part) for part in parts(code.along(x, x_row, e))] for e in range(n)]
+    with code.steps(steps) as loop:
+        now = [[builder.load(place) for place in places] for places in state]
+        here = code.step(out, out_step, loop.index)
         for o in range(n_outputs):
-            for j in range(chunks):
-                total = builder.fmul(spread(gains[o][0]), now[0][j])
-                for b in range(1, n):
-                    total = builder.call(multiply_add, [spread(gains[o][b]), now[b][j], total])
-                store(total, builder.add(along(here, out_row, o), word(j * width)))
-        matrix = builder.add(a, builder.mul(k, a_step))
+            row = [code.spread(gain, lanes) for gain in gains[o]]
+            put([code.products(row, [now[b][j] for b in range(n)]) for j in range(chunks)],
+                code.along(here, out_row, o))  # fmt: skip
+        matrix = code.step(a, a_step, loop.index)
         for e in range(n):
-            drive = builder.add(bases[e], builder.mul(k, strides[e]))
-            sums = [load(builder.add(drive, word(j * width)), vector) for j in range(chunks)]
+            sums = parts(code.step(bases[e], strides[e], loop.index))
             for b in range(n):
-                entry = spread(load(along(along(matrix, a_row, e), a_column, b), _REAL))
-                for j in range(chunks):
-                    sums[j] = builder.call(multiply_add, [entry, now[b][j], sums[j]])
-            for j in range(chunks):
-                builder.store(sums[j], state[e][j])
+                entry = code.load(code.along(code.along(matrix, a_row, e), a_column, b))
+                entry = code.spread(entry, lanes)
+                sums = [code.multiply_add(entry, now[b][j], sums[j]) for j in range(chunks)]
+            for place, value in zip(state[e], sums, strict=True):
+                builder.store(value, place)
     for e in range(n):
-        for j in range(chunks):
-            store(builder.load(state[e][j]), builder.add(along(x, x_row, e), word(j * width)))
+        put([builder.load(place) for place in state[e]], code.along(x, x_row, e))
 
 
 def _block(  # type: ignore[no-untyped-def]
@@ -114,7 +74,7 @@ def _block(  # type: ignore[no-untyped-def]
     shape = [kind.literal_value for kind in (n, n_outputs, lanes, chunks)]
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        _emit(builder, arguments[4:], *shape)
+        _emit(Writer(builder), arguments[4:], *shape)
         return context.get_dummy_value()
 
     return types.void(n, n_outputs, lanes, chunks, *[types.intp] * 12), codegen

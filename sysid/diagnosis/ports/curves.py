@@ -13,7 +13,7 @@ from sysid.diagnosis.ports.plants import PORTS, Port, plant_of
 from sysid.diagnosis.ports.reversals import change_at_reversal
 from sysid.diagnosis.ports.search import PortFit, enough_rows, fit_baseline, fit_port
 from sysid.diagnosis.ports.stretches import make_stretches
-from sysid.diagnosis.ports.uncertainty import Shape, explained, judged_errors, shape_of
+from sysid.diagnosis.ports.uncertainty import Shape, explained, judged_errors, shape_of, with_bias
 from sysid.diagnosis.scores import finite
 from sysid.diagnosis.wording import percent, quantity
 from sysid.errors import UsageError
@@ -30,6 +30,8 @@ NOTHING = 0.02
 CLEARLY_MORE = 0.05
 # A map takes more off the error it is fitted to even by chance: a search that ends with less went nowhere.
 NO_PROGRESS = 1e-5
+# A fit on so many times fewer knots tells what the spline that is shown leaves out.
+FEWER = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,6 +213,10 @@ def _curve(record: Record, port: Port, baseline: tuple[Loop, Floats], fits: list
         return _blank(record, port, "what it depends on does not vary, or the run diverges")
     fit, share, interval = _best_judged(baseline, fits)
     shape = shape_of(fit)
+    coarser = [other for other in fits if fit.loop.knots.size / other.loop.knots.size >= FEWER]
+    if coarser:
+        nearest = max(coarser, key=lambda other: (other.loop.knots.size, -other.loop.error(other.point)))
+        shape = with_bias(shape, fit, nearest)
     return replace(
         _blank(record, port, ""),
         explains_at_most=share,

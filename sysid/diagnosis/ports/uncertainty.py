@@ -1,6 +1,6 @@
 """How sure a fitted curve is, how dense its data, and how much of the error it removes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,8 @@ POINTS = 101
 REPLICATES = 400
 # Differences are taken over this share of a standard error.
 SMALL = 0.1
+# Mean square difference from a fit on half as many knots, over that of the error.
+COARSER_ERROR = 2.0
 
 
 def judged_errors(loop: Loop, point: Floats, near: tuple[Loop, Floats] | None = None) -> list[Floats]:
@@ -91,6 +93,33 @@ def shape_of(fit: PortFit) -> Shape:
         above, below = (shown(fit.point + sign * SMALL * axis) for sign in (1.0, -1.0))
         variance += ((above - below) / (2.0 * SMALL)) ** 2
     return Shape(value, shown(fit.point), np.sqrt(variance), density_of(z, value))
+
+
+def with_bias(shape: Shape, fit: PortFit, coarser: PortFit) -> Shape:
+    """Widen the standard error by what a spline of these knots leaves out, as at a knee.
+
+    The error of a spline near a knee falls with the distance of its knots, so that a fit on half as many
+    is off by about twice as much.  Where both errors agree in sign the mean square of the difference is that
+    of the finer one's error, where they are independent five times as much; twice is in between.  The part
+    that the noise explains is taken off, and the rest averaged over a knot interval to each side.
+
+    Parameters
+    ----------
+    shape : Shape
+        Of the fit that is shown.
+    fit, coarser : PortFit
+        At the same port, the second one on fewer knots.
+    """
+    other = shape_of(coarser)
+    inside = (shape.value >= other.value[0]) & (shape.value <= other.value[-1])
+    difference = np.interp(shape.value, other.value, other.centre) - shape.centre
+    noise = shape.spread**2 - np.interp(shape.value, other.value, other.spread) ** 2
+    squared = np.where(inside, np.maximum(difference**2 - np.maximum(noise, 0.0), 0.0), 0.0)
+    step = float(shape.value[1] - shape.value[0])
+    reach = int(np.ceil(float(np.diff(fit.loop.knots).max()) / step))
+    window = np.ones(2 * reach + 1)
+    mean = np.convolve(squared, window, "same") / np.convolve(np.ones(squared.size), window, "same")
+    return replace(shape, spread=np.sqrt(shape.spread**2 + mean / COARSER_ERROR))
 
 
 def _lines_of_the_plant(fit: PortFit) -> Floats:

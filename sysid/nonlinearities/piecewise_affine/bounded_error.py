@@ -44,7 +44,7 @@ def bounded_error(
 ) -> PiecewiseAffineFit:
     """Fit a piecewise affine map with as few submodels as a bound on the error allows.
 
-    The procedure of Bemporad, Garulli, Paoletti and Vicino (2005), Section 5.1.1 of Pepona (2011):
+    The procedure of Bemporad, Garulli, Paoletti and Vicino (2005), Section 5.1.1 of Pepona (2009):
 
     1. the submodel that explains the most points within ``delta`` is searched for by randomised
        relaxation, its points are put aside, and so on with the rest (minimum partition into feasible

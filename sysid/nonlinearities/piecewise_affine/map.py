@@ -1,6 +1,6 @@
 r"""Piecewise affine maps: an affine submodel in each polyhedral region.
 
-Pepona (2011), eqs. (5.1) and (5.7): :math:`f(z) = \theta_i^T \phi` for z in region i, with
+Pepona (2009), eqs. (5.1) and (5.7): :math:`f(z) = \theta_i^T \phi` for z in region i, with
 :math:`\phi = [z^T\ 1]^T`.  The regions are where one of several affine functions of z, the
 separators, is the greatest, so that they are convex, do not overlap and leave no hole.
 """
