@@ -191,6 +191,20 @@ def test_every_candidate_is_ranked():
     assert np.isnan(decision.trials[-1].p_value)
 
 
+def test_the_best_candidate_stands_where_its_own_likelihood_is_largest():
+    # Weighted by the colour of what is left without it, it would be off by several standard errors.
+    found = diagnosed("in_saturation", seed=3, snr=38.0)
+    best = found.decision.trials[0]
+    noise = best.noise.polynomial
+    finished = found.structure.finish(best.fit, noise)
+    again = found.structure.fit(best.fit.choices, best.fit.rows, noise, best.fit, effort=0)
+    for ours, moved in zip(finished.parameters, again.parameters, strict=True):
+        assert abs(ours.value - moved.value) < 0.05 * ours.std_error
+    assert abs(finished.parameters_of("in_saturation")[0].value - 1.0) < (
+        3.0 * finished.parameters_of("in_saturation")[0].std_error
+    )
+
+
 def test_the_chance_of_a_fit_bounds_that_of_a_search_off_the_grid():
     # The largest of many noisy sums, over a line of directions of which the grid holds a few.
     time = np.linspace(0.0, 1.0, 200)

@@ -1,5 +1,7 @@
 """Physical models with effects: parameters recovered, the hidden effect first, real records."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -123,6 +125,18 @@ def test_a_pair_of_effects_and_the_refit_on_more_rows():
     assert refitted.cost / all_rows.sum() == pytest.approx(noise, rel=0.12)
     assert refitted.parameters_of("out_saturation")[0].value == pytest.approx(0.9, rel=0.02)
     assert "out_saturation" in found.equation(refitted)
+
+
+def test_what_diverges_without_another_effect_is_no_error():
+    found, _ = structure("mass-spring-damper", "quad_drag", {"drag": 1.0})
+    rows, drag = found.record.estimation, choice("quad_drag")
+    pair = found.fit([drag, choice("out_offset")], rows, WHITE, found.baseline(rows), effort=1)
+    place = [p.owner for p in pair.parameters].index("quad_drag")
+    point = pair.point.copy()
+    point[place] = -100.0  # a drag that drives: held by nothing once the other effect is gone
+    fit = found.fit([drag], rows, WHITE, replace(pair, point=point), effort=0)
+    assert fit.cost == np.inf
+    assert not fit.converged
 
 
 def test_effects_are_offered_where_they_make_sense():

@@ -124,7 +124,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.HelpFormatter  # the defaults worth telling are in the help texts
     add_data_arguments(parser)
     add_model_arguments(parser)
-    group = parser.add_argument_group("results")
+    parser.add_argument(
+        "--also",
+        metavar="MODEL",
+        action="append",
+        help="a further model, compared on the same rows; again for each further one",
+    )
+    group = parser.add_argument_group(
+        "results", "With several outputs or models each has files of its own, its name before the suffix."
+    )
     group.add_argument(
         "--html", metavar="FILE", type=Path, help="page (default: sysid-out/<record>.compare.html)"
     )
@@ -156,18 +164,69 @@ def read_data(arguments: argparse.Namespace) -> "Record":
 
 def run(arguments: argparse.Namespace) -> int:
     """Run `sysid compare`; errors of use and of data are raised as `SysidError`."""
+    from sysid.diagnosis.models import resolve_model
+
+    cases = _cases(arguments)
+    for number, case in enumerate(cases):  # before a long file is read
+        start, fixed = start_values(case.param), assigned_values("--fix", case.fix)
+        resolve_model(case.model, case.order, start, fixed)
+        earlier = [path for other in cases[:number] for path in _results(other)]
+        check_results([*earlier, *_results(case)], case.data)
+    comparisons: list[Comparison] = []
+    for case in cases:
+        if len(cases) > 1:
+            print("\n" * bool(comparisons) + f"== {case.output[0]}, model {case.model}")
+        comparisons.append(_run_one(case))
+    if len(cases) > 1:
+        _print_side_by_side(comparisons)
+    return 0
+
+
+def _cases(arguments: argparse.Namespace) -> list[argparse.Namespace]:
+    """Return the arguments of each output and model, their results in files of their own."""
+    outputs, models = arguments.output or ["y"], [arguments.model, *(arguments.also or [])]
+    for option, names in (("--output", outputs), ("a model", models)):
+        twice = [name for name in names if names.count(name) > 1]
+        if twice:
+            raise UsageError(f"{option} is given {twice[0]!r} twice: give it once")
+    page = arguments.html or DEFAULT_FOLDER / f"{stem_of(arguments.data)}.compare.html"
+    cases = []
+    for output in outputs:
+        for number, model in enumerate(models):
+            names = [output] * (len(outputs) > 1) + [str(model)] * (len(models) > 1)
+            case = argparse.Namespace(**vars(arguments))
+            case.output, case.model = [output], model
+            if number > 0:  # what is known of the first model is not of the others
+                case.order, case.param, case.fix = None, None, None
+            case.html = _named(page, names)
+            case.pdf, case.json = (path and _named(path, names) for path in (arguments.pdf, arguments.json))
+            cases.append(case)
+    return cases
+
+
+def _named(path: Path, names: Sequence[str]) -> Path:
+    """Return a path with names before its suffix.
+
+    Examples
+    --------
+    >>> _named(Path("page.html"), ["speed", "plant.toml"]).name
+    'page.speed.plant.toml.html'
+    """
+    plain = ["".join(sign if sign.isalnum() or sign in "-_." else "_" for sign in name) for name in names]
+    return path.with_name(".".join([path.stem, *plain]) + path.suffix) if names else path
+
+
+def _results(case: argparse.Namespace) -> list[Path]:
+    return [path for path in (case.html, case.pdf, case.json) if path is not None]
+
+
+def _run_one(arguments: argparse.Namespace) -> "Comparison":
+    """Compare one model with one output, and write and print what was found."""
     from threadpoolctl import threadpool_limits
 
     from sysid.diagnosis.compare import compare
-    from sysid.diagnosis.models import resolve_model
     from sysid.progress import progress
 
-    start = start_values(arguments.param)
-    fixed = assigned_values("--fix", arguments.fix)
-    resolve_model(arguments.model, arguments.order, start, fixed)  # before a long file is read
-    page = arguments.html or DEFAULT_FOLDER / f"{stem_of(arguments.data)}.compare.html"
-    results = [path for path in (page, arguments.pdf, arguments.json) if path is not None]
-    check_results(results, arguments.data)
     record = read_data(arguments)
     # All products are of one long row: a second thread would only wait, and take the time of others.
     with threadpool_limits(1), progress() as bars:
@@ -176,21 +235,50 @@ def run(arguments: argparse.Namespace) -> int:
                 record,
                 arguments.model,
                 arguments.order,
-                start=start,
-                fixed=fixed,
+                start=start_values(arguments.param),
+                fixed=assigned_values("--fix", arguments.fix),
                 initial_state=arguments.initial_state,
                 progress=percent_of(bar),
             )
         with bars.task("page", total=None):
             text = comparison.to_html()
             document = comparison.to_pdf() if arguments.pdf is not None else b""
-    write_text(page, text)
+    write_text(arguments.html, text)
     if arguments.pdf is not None:
         write_result(arguments.pdf, document)
     if arguments.json is not None:
         write_text(arguments.json, to_json_text(comparison.to_json()))
-    print_comparison(comparison, {"Page": page, "PDF": arguments.pdf, "JSON": arguments.json})
-    return 0
+    print_comparison(comparison, {"Page": arguments.html, "PDF": arguments.pdf, "JSON": arguments.json})
+    return comparison
+
+
+def _print_side_by_side(comparisons: Sequence["Comparison"]) -> None:
+    """Print the free-run errors of all models and outputs, row by row."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    from sysid.diagnosis.wording import quantity, significant
+
+    console = Console(file=sys.stdout, highlight=False, width=None if sys.stdout.isatty() else 100)
+    table = Table(box=None, pad_edge=False)
+    for heading in ("output", "model", "rows"):
+        table.add_column(heading)
+    for heading in ("RMSE", "NRMSE", "95 % interval"):
+        table.add_column(heading, justify="right")
+    for comparison in comparisons:
+        entry = comparison.score_of(comparison.judged)
+        low, high = entry.interval
+        table.add_row(
+            escape(comparison.record.outputs[0]),
+            escape(comparison.model.title),
+            escape(entry.name),
+            escape(quantity(entry.free_run.rmse, entry.unit)),
+            significant(entry.free_run.nrmse),
+            f"{significant(low)} to {significant(high)}",
+        )
+    console.print("\nSide by side, free run:")
+    console.print(table)
 
 
 def percent_of(bar: "ProgressTask") -> Callable[[int, int], None]:

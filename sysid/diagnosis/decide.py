@@ -22,6 +22,10 @@ SCREENED, REFINED, POLISHED = 12, 6, 3
 EXCHANGED = 6
 # How many are fitted beside effects that were accepted before, in all forms, and finest.
 FURTHER, REFINED_BESIDE, POLISHED_BESIDE = 8, 4, 2
+# How often a fit and the colour of its residual are brought to agree.
+SETTLINGS = 2
+# How many runners-up are tried before a record counts as unexplained, and how many beside each.
+RUNNERS_UP, BESIDE_RUNNER_UP = 2, 4
 # Two candidates are tied when their errors differ by less than so many standard errors.
 TIED = 2.0
 # A further effect must explain this share of what all effects explain, or it is a detail of the first.
@@ -83,7 +87,25 @@ class Search(Evidence):
     def decide(self) -> Decision:
         """Name what is missing."""
         decision = self._decided()
+        leading = [self._settled(trial) for trial in decision.trials[:POLISHED]]
+        decision = replace(decision, trials=(*leading, *decision.trials[POLISHED:]))
         return with_every_candidate(decision, self.names, self._memory(decision.baseline))
+
+    def _settled(self, trial: Trial) -> Trial:
+        """Refit a candidate under the colour of its own residual.
+
+        It was weighted by the colour of what is left without it: no minimum of its own likelihood, so that
+        its parameters would be off by more than their standard errors.
+        """
+        settled = trial
+        for _ in range(SETTLINGS if trial.fit is not None else 0):
+            assert settled.fit is not None
+            noise = self._noise(settled.fit)
+            fit = self.structure.fit(settled.fit.choices, self.rows, noise.polynomial, settled.fit, effort=0)
+            if not _usable(fit):
+                break
+            settled = replace(settled, fit=fit, noise=noise)
+        return settled
 
     def _memory(self, baseline: StructureFit) -> Trial | None:
         """Return the memory of the noise as a candidate beside the others."""
@@ -110,6 +132,8 @@ class Search(Evidence):
             others, _, _ = self._grown(baseline, [*given, trial.fit], len(given))
             found = (trial, *(other for other in trials if other is not trial))
             decision = min(decision, self._verdict(baseline, others, found, ()), key=lambda d: d.left_share)
+        if decision.verdict == "unexplained" and self.max_effects > 1:
+            return self._otherwise(decision, trials)
         return decision
 
     def _replacing(self, decision: Decision) -> list[Trial]:
@@ -163,6 +187,34 @@ class Search(Evidence):
             fits = self._rungs(grown, baseline, n_given)
         return fits, trials, tie
 
+    def _otherwise(self, decision: Decision, trials: tuple[Trial, ...]) -> Decision:
+        """Start again from the runners-up where the leader leads to nothing that explains all.
+
+        Alone, a look-alike can explain more than either of two effects that together explain everything.
+        """
+        final = decision.fits[-1] if decision.fits else decision.baseline
+        for trial in trials[1 : 1 + RUNNERS_UP]:
+            if trial.fit is None or trial.p_value >= self.alpha or trial.gain <= 0.0:
+                continue
+            found = self._round(trial.fit, True, BESIDE_RUNNER_UP)
+            if not found or found[0].fit is None or not found[0].gain > 0.0:
+                continue
+            pair = self._pruned(self._exchanged(found[0].fit, len(self.given)), len(self.given))
+            if len(pair.choices) < len(self.given) + 2 or not self._better_held_out(pair, final):
+                continue
+            other = self._verdict(
+                decision.baseline, self._rungs(pair, decision.baseline, len(self.given)), trials, ()
+            )
+            if other.verdict != "unexplained":
+                return other
+        return decision
+
+    def _better_held_out(self, fit: StructureFit, other: StructureFit) -> bool:
+        """Tell whether a fit is better by its criterion and by its free run on held-out rows."""
+        return self._own_criterion(fit) < self._own_criterion(other) and self._held_out_error(
+            fit, WHITE
+        ) < self._held_out_error(other, WHITE)
+
     def _given_fits(self, baseline: StructureFit) -> list[StructureFit]:
         fits: list[StructureFit] = []
         for effect in self.given:
@@ -172,7 +224,7 @@ class Search(Evidence):
                 fits.append(trial.fit)
         return fits
 
-    def _round(self, current: StructureFit, further: bool) -> tuple[Trial, ...]:
+    def _round(self, current: StructureFit, further: bool, most: int = FURTHER) -> tuple[Trial, ...]:
         """Try every candidate beside the effects of a fit; return them best first."""
         candidates = [e for e in self.candidates if e.name not in current.names]
         if not candidates:
@@ -185,7 +237,7 @@ class Search(Evidence):
         ranking = sorted(candidates, key=lambda e: -screen.statistics[e.name])
         # A family whose fits are cheap may ask for more of them than the screen would let through.
         count: int = getattr(self.structure, "screened", SCREENED)
-        count = min(count, FURTHER) if further else count
+        count = min(count, most) if further else count
         trials = self._trials(current, ranking[:count], colour)
         left = [Trial(e.name, None, Noise(WHITE, 0.0, 0.0), np.inf, -np.inf) for e in ranking[count:]]
         return self._judged(current, [*trials, *left], screen, colour)
@@ -364,6 +416,8 @@ class Search(Evidence):
             others = tuple(c for i, c in enumerate(fit.choices) if i != position)
             noise = self._colour(fit)
             without = self.structure.fit(others, self.rows, noise.polynomial, fit, effort=0)
+            if not _usable(without):
+                continue
             options = [e for e in self.candidates if e.name not in without.names]
             statistics = self._screen(without, options, noise).statistics
             options.sort(key=lambda e: -statistics[e.name])

@@ -241,8 +241,9 @@ def legend(axes: Any) -> None:
 
 
 def axis_label(record: Any, name: str) -> str:
-    """Return name and unit of a column."""
-    return f"{plain(name)} [{plain(record.unit(name)) or '–'}]"
+    """Return name and unit of a column; the unit once, where the name holds it."""
+    unit = record.unit(name)
+    return f"{plain(name.removesuffix(f'[{unit}]').rstrip())} [{plain(unit) or '–'}]"
 
 
 def plain(name: str) -> str:

@@ -303,13 +303,17 @@ def fit_model(
         raise UsageError(
             f"delay and constant belong to the linear model: {model.name!r} has parameters instead"
         )
-    accepted = fit_physics(record, model, initial_state=initial_state, rows=record.estimation)
-    if progress is not None:
-        progress(2, 3)
+
+    def part(first: int) -> Callable[[int, int], None] | None:
+        return progress and (lambda done, total: progress(100 * first + 100 * done // total, 200))
+
+    accepted = fit_physics(
+        record, model, initial_state=initial_state, rows=record.estimation, progress=part(0)
+    )
     near = {name: accepted.values[name] for name in accepted.names}
-    fit = fit_physics(record, model, start=near, initial_state=initial_state)
+    fit = fit_physics(record, model, start=near, initial_state=initial_state, progress=part(1))
     if progress is not None:
-        progress(3, 3)
+        progress(200, 200)
     return PhysicalModel(fit, accepted)
 
 

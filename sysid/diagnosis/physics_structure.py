@@ -41,6 +41,7 @@ SMOOTHER = 0.7
 GAIN_ROWS, SAME_DIRECTION = 1_000, 1e-4
 # A held input has power up to the Nyquist frequency: less than this share above this frequency is none.
 UPPER_FREQUENCY, UPPER_POWER = 0.8, 1e-4
+DIVERGES = "it diverges"
 WHITE = np.ones(1)
 Plant = ForcedPlant | GeneralPlant
 
@@ -223,6 +224,8 @@ class PhysicsStructure:
         known = self._carried(before, start)
         if effort == 0 or not new:
             point = problem_point(problem, before, known)
+            if not np.isfinite(problem.cost(point)):  # an effect that was left out may have held it
+                return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status=DIVERGES)
             end = problem.descend(point, EVALUATIONS[effort], TOLERANCES[effort])
             return self._result(problem, refined(problem, end, EVALUATIONS[1], TOLERANCES[effort]), True)
         small = _first_rows(rows, SEARCH_ROWS)

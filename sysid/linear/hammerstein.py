@@ -35,7 +35,7 @@ GRID_ROWS = 3_000
 REFINED_ROWS = 20_000
 COARSE_STEP, COARSE_EVALUATIONS = 0.1, 12
 FINE_STEP, FINE_EVALUATIONS = 1e-3, 40
-REFINED_STARTS = 3
+REFINED_STARTS, MOST_STARTS = 3, 9
 EVALUATIONS, ROUNDS = 80, 6
 # Tolerances on a parameter as shares of its range, first for several places, then for the best.
 ROUGH, PRECISE = 1e-3, 1e-7
@@ -286,10 +286,15 @@ class _Search:
             raise IdentifiabilityError(
                 f"no parameter of the {self.kind.name} gives a model: its output is constant on this input"
             )
-        leading = [place for place in np.argsort(costs)[:REFINED_STARTS] if np.isfinite(costs[place])]
-        ends = [self._refined(points[place], self.coarse, ROUGH) for place in leading]
-        ends.sort(key=lambda end: end[0])
-        near = sum(end[0] <= ends[0][0] * (1.0 + AGREEMENT) ** 2 + EXACT for end in ends)
+        ends: list[tuple[float, tuple[float, ...]]] = []
+        ranked = [place for place in np.argsort(costs)[:MOST_STARTS] if np.isfinite(costs[place])]
+        for first in range(0, len(ranked), REFINED_STARTS):  # on to the next ones until two agree
+            batch = ranked[first : first + REFINED_STARTS]
+            ends += [self._refined(points[place], self.coarse, ROUGH) for place in batch]
+            ends.sort(key=lambda end: end[0])
+            near = sum(end[0] <= ends[0][0] * (1.0 + AGREEMENT) ** 2 + EXACT for end in ends)
+            if near > 1:
+                break
         return self._refined(np.array(ends[0][1]), self.fine, PRECISE)[1], near > 1
 
     def _refined(

@@ -27,7 +27,7 @@ INITIAL_STATES = ("estimate", "rest")
 # Searches run on at most this many rows, starts are ranked on fewer; the best goes on to the whole record.
 SCREENING_ROWS = 10_000
 RANKING_ROWS = 5_000
-SEARCHED_STARTS = 4
+SEARCHED_STARTS, MOST_STARTS = 4, 12
 FIRST_EVALUATIONS = 13
 LEADING = 2
 # A search stops when its next step is below this share of a standard error.
@@ -329,19 +329,29 @@ def _check_enough(structure: Structure, segments: tuple[Segment, ...], n_rows: i
 def _search_all(
     segments: tuple[Segment, ...], structure: Structure, extra: Sequence[Complexes], step: float
 ) -> tuple[Search, bool, int]:
-    """Search from the best of all starts; return the best end, whether two agree, and how many ran."""
+    """Search from the best of all starts; return the best end, whether two agree, and how many ran.
+
+    Where no two agree, the next best starts are searched, down to a bound.
+    """
     screening = shortened(segments, SCREENING_ROWS)
-    ranked = _ranked_starts(shortened(segments, RANKING_ROWS), structure, extra)[:SEARCHED_STARTS]
-    searches = [search_poles(screening, structure, start, COARSE_STEP, FIRST_EVALUATIONS) for start in ranked]
-    searches.sort(key=lambda search: search.cost)
-    leading = [search_poles(screening, structure, s.reflections, step) for s in searches[:LEADING]]
-    leading.sort(key=lambda search: search.cost)
-    best = leading[0]
     floor = 1e-20 * sum(float(s.y @ s.y) for s in screening)
-    near = [s for s in leading + searches[LEADING:] if s.cost <= best.cost * (1.0 + AGREEMENT) ** 2 + floor]
+    ranked = _ranked_starts(shortened(segments, RANKING_ROWS), structure, extra)[:MOST_STARTS]
+    searches: list[Search] = []
+    leading: list[Search] = []
+    for first in range(0, len(ranked), SEARCHED_STARTS):
+        batch = ranked[first : first + SEARCHED_STARTS]
+        short = [search_poles(screening, structure, start, COARSE_STEP, FIRST_EVALUATIONS) for start in batch]
+        short.sort(key=lambda search: search.cost)
+        leading += [search_poles(screening, structure, s.reflections, step) for s in short[:LEADING]]
+        searches += short[LEADING:]
+        leading.sort(key=lambda search: search.cost)
+        best = leading[0]
+        near = [s for s in leading + searches if s.cost <= best.cost * (1.0 + AGREEMENT) ** 2 + floor]
+        if len(near) > 1:
+            break
     if sum(s.y.size for s in screening) < sum(s.y.size for s in segments):
         best = search_poles(segments, structure, best.reflections, step)
-    return best, len(near) > 1, len(searches)
+    return best, len(near) > 1, len(leading) + len(searches)
 
 
 def best_search(segments: tuple[Segment, ...], structure: Structure) -> Search:

@@ -1,6 +1,6 @@
 """Fit the parameters of a physical model by its free-run error."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,6 +29,8 @@ INITIAL_STATES = ("estimate", "rest")
 RANKING_ROWS = 2_000
 SCREENING_ROWS = 10_000
 SEARCHED_STARTS = 8
+# Starts are drawn again, so many times in all, until two searches agree.
+BATCHES = 4
 MATCHED_STARTS = 4
 SCREENING_EVALUATIONS = 80
 EVALUATIONS = 300
@@ -133,6 +135,7 @@ def fit_physics(
     fixed: Mapping[str, float] | None = None,
     initial_state: str = "estimate",
     rows: Mask | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> PhysicsFit:
     """Fit a physical model by its free-run error, from several starts.
 
@@ -151,6 +154,8 @@ def fit_physics(
         Whether each experiment starts from a state of its own or from rest.
     rows : ndarray of bool, shape (n_samples,), optional
         Rows of the fit; estimation and validation rows by default.
+    progress : callable, optional
+        Called with the number of searches done and to do; these may become more, see `restarts_agree`.
 
     Returns
     -------
@@ -186,7 +191,7 @@ def fit_physics(
     problem = Problem(described, segments, record.period, initial_state == "estimate")
     _check_enough(problem)
     with threadpool_limits(1):  # blocks are small: further threads only wait for one another
-        minimum, agreeing, tried = _search_all(problem)
+        minimum, agreeing, tried = _search_all(problem, progress)
         minimum = _with_fine_steps(problem, minimum)
         uncertainty = parameter_uncertainty(problem, minimum.x, minimum.point.residual)
         if any(parameter.prior is not None for parameter in problem.parameters):
@@ -248,26 +253,38 @@ def _check_enough(problem: Problem) -> None:
         )
 
 
-def _search_all(problem: Problem) -> tuple[Minimum[Residual], int, int]:
-    """Search from the best of all starts; return the best end, how many agree with it, how many ran."""
+def _search_all(
+    problem: Problem, progress: Callable[[int, int], None] | None = None
+) -> tuple[Minimum[Residual], int, int]:
+    """Search from the best of all starts; return the best end, how many agree with it, how many ran.
+
+    Where no second search ends as the best one does, further batches of starts are drawn.
+    """
     screening = problem.with_segments(_shortened(problem.segments, SCREENING_ROWS))
     ranking = problem.with_segments(_shortened(problem.segments, RANKING_ROWS))
     count = len(problem.names)
     ends: list[Minimum[Residual]] = []
-    for coordinates, states in _starts(ranking, screening):
-        screening.use_steps(None)
-        point = screening.point(coordinates, _all_states(screening, states))
-        if point is not None:
-            ends.append(_descend(screening, point, SCREENING_EVALUATIONS))
-    if not ends:
-        raise ModelError(
-            f"model {problem.model.name!r} diverges from every start: give start values nearer to the plant's"
-        )
-    ends.sort(key=lambda end: end.cost)
-    best = ends[0]
-    if best.status is Status.MAX_EVALUATIONS:
-        best = _descend(screening, best.x, EVALUATIONS)
-    agreeing = 1 + sum(_same(best, end, screening) for end in ends[1:])
+    for batch in range(BATCHES):
+        starts = _starts(ranking, screening, batch)
+        for number, (coordinates, states) in enumerate(starts):
+            screening.use_steps(None)
+            point = screening.point(coordinates, _all_states(screening, states))
+            if point is not None:
+                ends.append(_descend(screening, point, SCREENING_EVALUATIONS))
+            if progress is not None and batch == 0:  # what comes after is the exception
+                progress(number + 1, len(starts) + 1)
+        if not ends:
+            raise ModelError(
+                f"model {problem.model.name!r} diverges from every start: give start values nearer to the "
+                "plant's"
+            )
+        ends.sort(key=lambda end: end.cost)
+        if ends[0].status is Status.MAX_EVALUATIONS:
+            ends[0] = _descend(screening, ends[0].x, EVALUATIONS)
+        best = ends[0]
+        agreeing = 1 + sum(_same(best, end, screening) for end in ends[1:])
+        if agreeing > 1:
+            break
     if screening.n_rows < problem.n_rows:
         problem.use_steps(screening.simulator.substeps)
         point = problem.point(best.x[:count], _all_states(problem, screening.states_of(best.x)))
@@ -283,7 +300,7 @@ def _search_all(problem: Problem) -> tuple[Minimum[Residual], int, int]:
     return best, agreeing, len(ends)
 
 
-def _starts(problem: Problem, screening: Problem) -> list[tuple[Floats, Floats]]:
+def _starts(problem: Problem, screening: Problem, batch: int) -> list[tuple[Floats, Floats]]:
     """Return parameters and initial states from which to search.
 
     Where parameters are not known, the first come from a linear model that was identified before
@@ -291,14 +308,16 @@ def _starts(problem: Problem, screening: Problem) -> list[tuple[Floats, Floats]]
     initial states are estimated too, half of the others come from runs at rest.
     """
     count = len(problem.names)
-    found = [(p[:count], problem.states_of(p)) for p in starting_points(problem, SEARCHED_STARTS)]
+    found = [(p[:count], problem.states_of(p)) for p in starting_points(problem, SEARCHED_STARTS, batch)]
     if all(parameter.status == "uncertain" for parameter in problem.parameters):
         return found
-    matched = _matched(screening)
+    matched = _matched(screening) if batch == 0 else []
     if not problem.free_start:
         return matched + found[: SEARCHED_STARTS - len(matched)]
     at_rest = Problem(problem.model, problem.segments, problem.period, free_start=False)
-    forced = [(p[:count], at_rest.states_of(p)) for p in starting_points(at_rest, SEARCHED_STARTS // 2)]
+    forced = [
+        (p[:count], at_rest.states_of(p)) for p in starting_points(at_rest, SEARCHED_STARTS // 2, batch)
+    ]
     return (matched + forced + found)[:SEARCHED_STARTS]
 
 

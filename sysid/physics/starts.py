@@ -19,8 +19,8 @@ SEED = 20_240
 Draw = tuple[float, Floats]
 
 
-def starting_points(problem: Problem, count: int) -> list[Floats]:
-    """Return starting points that differ, the best first.
+def starting_points(problem: Problem, count: int, batch: int = 0) -> list[Floats]:
+    """Return starting points that differ, the best first; other draws for each batch.
 
     Draws lie around the start values, wide for free parameters and near for uncertain ones; each
     round draws around the best so far, closer.  Where little is known, a low error often marks a
@@ -28,7 +28,7 @@ def starting_points(problem: Problem, count: int) -> list[Floats]:
     places, the given start values and the best of the first round among them.  The draws are the same
     in every call.
     """
-    generator = np.random.default_rng(SEED)
+    generator = np.random.default_rng(SEED + batch)
     low, high = (bound[: len(problem.names)] for bound in problem.bounds())
     centre = np.clip(problem.coordinates(problem.simulator.values()), low, high)
     width = draw_widths(problem, centre)
