@@ -9,6 +9,7 @@ from typing import Any
 __version__ = "0.1.0"
 
 _PUBLIC = {
+    "LftStructure": "sysid.lft",
     "NONLINEARITIES": "sysid.nonlinearities",
     "PhysicsModel": "sysid.physics",
     "Record": "sysid.data",
@@ -20,11 +21,13 @@ _PUBLIC = {
     "correlation_method": "sysid.hammerstein",
     "diagnose": "sysid.diagnosis.diagnose",
     "fit_hammerstein": "sysid.linear",
+    "fit_lft": "sysid.lft",
     "fit_local_linear": "sysid.local_linear",
     "fit_output_error": "sysid.linear",
     "fit_physics": "sysid.physics",
     "identify_levels": "sysid.recursive",
     "fit_state_space": "sysid.linear",
+    "fit_wiener_hammerstein": "sysid.lft",
     "identify_wiener": "sysid.wiener",
     "load_model": "sysid.physics",
     "make_record": "sysid.data",

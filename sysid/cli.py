@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from sysid import __version__
 from sysid.errors import SysidError
@@ -15,7 +15,19 @@ DONE, RED_GATE, BAD_INPUT, INTERRUPTED, READER_LEFT = 0, 1, 2, 130, 141
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose errors are one sentence."""
+    """A parser whose errors are one sentence, and which takes no abbreviation for an option."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        # "--out" must not be taken for "--output", which is something else.
+        super().__init__(*args, **kwargs | {"allow_abbrev": False})
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse the arguments; the command itself says which of its options it does not know."""
+        found, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            command = getattr(found, "parser", self)
+            command.error(_unknown_words(unknown, command))
+        return found
 
     def error(self, message: str) -> NoReturn:
         self.exit(BAD_INPUT, f"{self.prog}: error: {message}; see `{self.prog} --help`\n")
@@ -42,7 +54,7 @@ def build_parser() -> argparse.ArgumentParser:
             formatter_class=argparse.ArgumentDefaultsHelpFormatter,
         )
         command.add_arguments(child)
-        child.set_defaults(load=command.load)
+        child.set_defaults(load=command.load, parser=child)
     return parser
 
 
@@ -82,6 +94,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         kept = "; the finished runs are kept, --resume goes on" if "resume" in arguments else ""
         print(f"sysid {arguments.command}: interrupted{kept}", file=sys.stderr)
         return INTERRUPTED
+
+
+def _unknown_words(unknown: list[str], parser: argparse.ArgumentParser) -> str:
+    """Name what is not known, and the options it may stand for."""
+    first = unknown[0].partition("=")[0]
+    options = [flag for action in parser._actions for flag in action.option_strings]
+    near = [flag for flag in options if first.startswith("--") and flag.startswith(first)]
+    if not near and first.startswith("--"):
+        from difflib import get_close_matches
+
+        near = get_close_matches(first, options, n=2)
+    words = f"unrecognized arguments: {' '.join(unknown)}"
+    return f"{words} (did you mean {' or '.join(near)}?)" if near else words
 
 
 def _prepare_streams() -> None:

@@ -75,6 +75,8 @@ class Session:
         Measured times [s], filled by `timed`, and ratios of times; None for what could not be measured.
     failures : list
         The first failed runs of each case, with what it takes to repeat them.
+    with_records : bool
+        Also compute what needs real records and takes longer than a default replication may.
     """
 
     runs: int
@@ -84,6 +86,7 @@ class Session:
     finished: Callable[[int], None] = lambda done: None
     timings: dict[str, float | None] = field(default_factory=dict)
     failures: list["Failed"] = field(default_factory=list)
+    with_records: bool = False
 
     def study(self, case: str, task: "Task", runs: int | None = None) -> "Study":
         """Compute the runs of a case."""
@@ -104,13 +107,17 @@ class Session:
 
 @dataclass(frozen=True)
 class PaperResult:
-    """What the module of a paper returns; the fields are those of ``results.json``."""
+    """What the module of a paper returns; the fields are those of ``results.json``.
+
+    A number that could not be computed is None, and `notes` says under its name why.
+    """
 
     claims: Sequence["Claim"]
     gates: Sequence["Gate"]
     tables: Mapping[str, Any]
     monte_carlo: Mapping[str, Any]
     numbers: Mapping[str, float | None]
+    notes: Mapping[str, str] = field(default_factory=dict)
 
     def to_json(self, timings: Mapping[str, float | None]) -> dict[str, Any]:
         """Return the result as JSON types."""
@@ -120,6 +127,7 @@ class PaperResult:
             "monte_carlo": dict(self.monte_carlo),
             "gates": [gate.to_json() for gate in self.gates],
             "numbers": dict(self.numbers),
+            "notes": dict(self.notes),
             "timings": dict(timings),
         }
 

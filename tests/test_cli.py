@@ -4,10 +4,13 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from replications.lacy import paper as lacy
 from sysid.cli import main
+from sysid.replication import PaperResult
 
 SMALL = ["--runs", "20", "--format", "json", "--jobs", "1", "--backend", "threading"]
 
@@ -95,6 +98,27 @@ def test_output_that_cannot_be_written_ends_in_one_sentence_or_in_silence(printe
         process.stdout.close()  # as `head` does when it has seen enough
         error = process.stderr.read()
     assert (process.returncode, error) == (141, b"")
+
+
+@pytest.mark.parametrize("asked", [True, False])
+def test_real_records_are_used_when_asked_for(asked, tmp_path, monkeypatch):
+    seen = []
+
+    def replicate(session):
+        seen.append(session.with_records)
+        return PaperResult([], [], {}, {}, {"rmse": None}, {"rmse": "the record is not at hand"})
+
+    paper = SimpleNamespace(
+        id="circuit", title="Circuit", citation="", default_runs=10, smoke_runs=10, plan=lambda runs: {},
+        claims_file=lacy.claims_file, notebook=None, replicate=replicate,
+    )  # fmt: skip
+    monkeypatch.setattr("sysid.commands.replicate.chosen_papers", lambda names: {"circuit": paper})
+    command = ["replicate", "circuit", "--out", str(tmp_path), "--format", "json"]
+    assert main([*command, *(["--with-records"] if asked else [])]) == 0
+    assert seen == [asked]
+    found = json.loads((tmp_path / "results.json").read_text())["papers"]["circuit"]
+    assert found["numbers"] == {"rmse": None}
+    assert found["notes"] == {"rmse": "the record is not at hand"}
 
 
 def test_ctrl_c_is_one_sentence(capsys, monkeypatch):

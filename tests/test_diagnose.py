@@ -97,6 +97,18 @@ def test_the_same_seed_gives_the_same_numbers():
     assert first == second
 
 
+def test_candidates_fitted_side_by_side_give_the_same_answer():
+    few = ["in_saturation", "in_deadzone", "quad_drag", "out_offset"]
+    alone, side_by_side = (
+        sysid.diagnose(record_of("quad_drag"), "linear", 2, initial_state="rest", effects=few, **keywords)
+        for keywords in ({}, {"jobs": 2, "progress": True})
+    )
+    first, second = alone.to_json() | {"seconds": 0}, side_by_side.to_json() | {"seconds": 0}
+    assert json.dumps(first) == json.dumps(second)
+    with pytest.raises(UsageError, match="jobs is 0: give 1 or more"):
+        sysid.diagnose(record_of("quad_drag"), jobs=0)
+
+
 def test_effects_are_added_by_hand_and_offered_only_where_they_make_sense():
     found = diagnosed("in_saturation", effects=["out_offset"])
     model = found.add("in_saturation").fit()
@@ -177,6 +189,20 @@ def test_every_candidate_is_ranked():
     assert [trial.name for trial in decision.trials] == ["coloured_noise", "in_deadzone", "coulomb"]
     assert decision.trials[0].p_value < 0.01
     assert np.isnan(decision.trials[-1].p_value)
+
+
+def test_the_best_candidate_stands_where_its_own_likelihood_is_largest():
+    # Weighted by the colour of what is left without it, it would be off by several standard errors.
+    found = diagnosed("in_saturation", seed=3, snr=38.0)
+    best = found.decision.trials[0]
+    noise = best.noise.polynomial
+    finished = found.structure.finish(best.fit, noise)
+    again = found.structure.fit(best.fit.choices, best.fit.rows, noise, best.fit, effort=0)
+    for ours, moved in zip(finished.parameters, again.parameters, strict=True):
+        assert abs(ours.value - moved.value) < 0.05 * ours.std_error
+    assert abs(finished.parameters_of("in_saturation")[0].value - 1.0) < (
+        3.0 * finished.parameters_of("in_saturation")[0].std_error
+    )
 
 
 def test_the_chance_of_a_fit_bounds_that_of_a_search_off_the_grid():

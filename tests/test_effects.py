@@ -5,6 +5,7 @@ import pytest
 
 from sysid.cli import main
 from sysid.diagnosis.effects import Effect, EffectParameter, Form, catalogue, find_effects, read_effects
+from sysid.diagnosis.effects.counts import counts
 from sysid.diagnosis.effects.laws import drive_of
 from sysid.errors import ModelError
 
@@ -53,6 +54,18 @@ def test_the_catalogue_holds_every_effect_with_its_story():
         assert all(story)
         for form in effect.forms:
             assert all(parameter.meaning and parameter.unit for parameter in form.parameters)
+
+
+def test_the_step_of_a_quantiser_is_read_off_the_values_it_shows():
+    rng = np.random.default_rng(0)
+    signal = 5.0 + np.cumsum(rng.standard_normal(1500)) / 20.0
+    step = 0.19
+    noise = 0.1 * step * rng.standard_normal(signal.size)
+    found = counts(step * np.round(signal / step) + noise)
+    # Half a count at the largest value is the least that a grid must resolve; the peak is far sharper.
+    assert np.abs(found - step).min() < 0.1 * step * step / np.abs(signal).max()
+    assert counts(rng.standard_normal(1500)).size == 0
+    assert counts(np.zeros(100)).size == 0
 
 
 def mapped(name, form, parameters, sequence=U, period=0.5):

@@ -17,10 +17,10 @@ def test_each_experiment_keeps_its_share_of_the_rows():
     record = make_record(u, 2 * u, period=1.0, split=split, experiment=experiment)
     short, rows = shortened(record)
     assert short.experiments == ("b", "c")
-    assert [part.stop - part.start for part in short.slices] == [6000, 2000]
+    assert [part.stop - part.start for part in short.slices] == [4500, 1500]
     assert np.array_equal(record.u[rows], short.u)
     # The last quarter of what is left, for the record's own is further on.
-    assert [int(short.validation[part].sum()) for part in short.slices] == [1500, 500]
+    assert [int(short.validation[part].sum()) for part in short.slices] == [1125, 375]
     assert not short.test_sets
 
 
@@ -30,7 +30,7 @@ def test_validation_rows_that_the_record_names_stay_so():
         np.arange(30_000.0), np.arange(30_000.0), period=1.0, split=split, experiment=split.copy()
     )
     short, _ = shortened(record)
-    assert (int(short.estimation.sum()), int(short.validation.sum())) == (5333, 2666)
+    assert (int(short.estimation.sum()), int(short.validation.sum())) == (4000, 2000)
     assert set(short.y[short.validation, 0]) <= set(record.y[record.validation, 0])
 
 

@@ -1,5 +1,7 @@
 """Physical models with effects: parameters recovered, the hidden effect first, real records."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from sysid.diagnosis.physics_structure import PhysicsStructure, band_limited
 from sysid.diagnosis.structures import Choice, filtered
 from sysid.errors import IdentifiabilityError
 from sysid.physics import load_model
+from sysid.physics.reading import read_model
 
 WHITE = np.ones(1)
 PLANTS = {
@@ -124,6 +127,18 @@ def test_a_pair_of_effects_and_the_refit_on_more_rows():
     assert "out_saturation" in found.equation(refitted)
 
 
+def test_what_diverges_without_another_effect_is_no_error():
+    found, _ = structure("mass-spring-damper", "quad_drag", {"drag": 1.0})
+    rows, drag = found.record.estimation, choice("quad_drag")
+    pair = found.fit([drag, choice("out_offset")], rows, WHITE, found.baseline(rows), effort=1)
+    place = [p.owner for p in pair.parameters].index("quad_drag")
+    point = pair.point.copy()
+    point[place] = -100.0  # a drag that drives: held by nothing once the other effect is gone
+    fit = found.fit([drag], rows, WHITE, replace(pair, point=point), effort=0)
+    assert fit.cost == np.inf
+    assert not fit.converged
+
+
 def test_effects_are_offered_where_they_make_sense():
     effects = catalogue()
     motor, _ = structure("dc-motor", "", {})
@@ -225,6 +240,68 @@ def test_a_nonlinear_model_takes_effects_at_input_and_output():
     fit = found.fit([choice("in_saturation")], rows, WHITE, found.baseline(rows), effort=1)
     assert fit.parameters_of("in_saturation")[0].value == pytest.approx(1.0, abs=0.02)
     assert np.isfinite(found.probes(fit)).all()
+
+
+PENDULUM = """
+name = "pendulum"
+title = "Pendulum driven by a torque"
+[states]
+angle = { unit = "rad" }
+speed = { unit = "rad/s" }
+[inputs]
+torque = { unit = "N m" }
+[outputs.y]
+unit = "rad"
+terms = { "angle" = "angle" }
+[[equations]]
+state = "angle"
+unit = "rad/s"
+terms = { "speed" = "speed" }
+[[equations]]
+state = "speed"
+factor = "J"
+unit = "N m"
+terms = { "drive" = "torque", "bearing" = "-b*speed", "gravity" = "-W*sin(angle)" }
+[parameters]
+J = { unit = "kg m^2", start = 1.1, minimum = 0.0, status = "uncertain" }
+b = { unit = "N m s", start = 0.2, minimum = 0.0, status = "uncertain" }
+W = { unit = "N m", start = 3.5, minimum = 0.0, status = "uncertain" }
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "torque"),
+    [
+        ("quad_drag", 0.5, lambda angle, speed: -0.5 * speed * abs(speed)),
+        ("cubic_stiffness", 0.8, lambda angle, speed: -0.8 * angle**3),
+        ("constant_force", 0.6, lambda angle, speed: -0.6),
+    ],
+)
+def test_a_nonlinear_model_takes_smooth_forces(name, value, torque):
+    from scipy.integrate import solve_ivp
+
+    rng = np.random.default_rng(4)
+    u, state, y = np.repeat(rng.uniform(-3.0, 3.0, 60), 6), np.zeros(2), []
+    for pushed in u:
+        y.append(state[0])
+
+        def rates(t, z, pushed=pushed):
+            return [z[1], pushed - 0.25 * z[1] - 4.0 * np.sin(z[0]) + torque(z[0], z[1])]
+
+        state = solve_ivp(rates, (0.0, 0.1), state, rtol=1e-8, atol=1e-10).y[:, -1]
+    model = read_model(PENDULUM, "pendulum")
+    found = PhysicsStructure(
+        make_record(u, np.array(y) + 1e-3 * rng.standard_normal(u.size), period=0.1), model, "rest"
+    )
+    assert name in {effect.name for effect in found.offered(catalogue())}
+    rows = found.record.learning
+    fit = found.fit([choice(name)], rows, WHITE, found.baseline(rows), effort=1)
+    # Noise of 1e-3 in 360 rows; Runge-Kutta steps of a tenth of the fastest rate are finer than that.
+    assert np.sqrt(fit.cost / rows.sum()) == pytest.approx(1e-3, rel=0.12)
+    assert fit.parameters_of(name)[0].value == pytest.approx(value, rel=0.02)
+    assert [p.value for p in fit.parameters[:3]] == pytest.approx([1.0, 0.25, 4.0], rel=0.03)
+    assert np.isfinite(found.probes(fit)).all()
+    assert found.directions(fit, choice("gravity_sine").effect)
 
 
 def test_what_cannot_be_fitted_is_refused():

@@ -198,7 +198,7 @@ def test_a_result_has_the_fields_of_the_schema():
     claim = Claim("a", "Table 1", 1.0, "a", "", "replicated", {"type": "exact"})
     result = PaperResult([claim], [exact("g", 1, 1, "why")], {"t": []}, {"case": {}}, {"n": math.nan})
     document = json.loads(json.dumps(jsonable(result.to_json({"fit": 0.1})), allow_nan=False))
-    assert set(document) == {"claims", "tables", "monte_carlo", "gates", "numbers", "timings"}
+    assert set(document) == {"claims", "tables", "monte_carlo", "gates", "numbers", "notes", "timings"}
     assert document["claims"][0]["tolerance"] == {"type": "exact", "lower": None, "upper": None}
     assert document["gates"][0]["passed"] is True
     assert document["numbers"] == {"n": None}

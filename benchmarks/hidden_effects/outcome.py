@@ -48,7 +48,9 @@ def judge(assignment: Assignment, folder: Path) -> dict[str, Any]:
         Truth, answer and scores in plain values; ``error`` is the message of a diagnosis that failed.
     """
     write_case(assignment, folder)
+    worked = time.process_time()
     answer, seconds, error = _diagnose(assignment, folder)
+    worked = time.process_time() - worked
     case = assignment.case
     result: dict[str, Any] = {
         "id": assignment.identifier,
@@ -61,6 +63,7 @@ def judge(assignment: Assignment, folder: Path) -> dict[str, Any]:
         "snr": case.snr,
         "truth": list(case.names),
         "seconds": seconds,
+        "cpu_seconds": worked,
         "error": error,
     }
     if error is None:

@@ -8,6 +8,7 @@ from sysid.commands import (
     data_arguments,
     demo_arguments,
     effects_arguments,
+    fit_arguments,
     models_arguments,
     replicate_arguments,
 )
@@ -59,6 +60,12 @@ def _effects() -> Run:
     return run
 
 
+def _fit() -> Run:
+    from sysid.commands.fit import run
+
+    return run
+
+
 COMMANDS = (
     Command(
         "replicate",
@@ -83,6 +90,15 @@ COMMANDS = (
         diagnose.EXAMPLE,
         diagnose.add_arguments,
         lambda: diagnose.run,
+    ),
+    Command(
+        "fit",
+        "fit a block-structured model with a static map to measurements",
+        "Fit a model with a static map inside a linear part on the estimation rows of a measurement file, "
+        "judge its free run on held-out rows, show the map.",
+        "sysid fit motor.csv --structure lft --period 0.01 --split-column set --save motor.json",
+        fit_arguments.add,
+        _fit,
     ),
     Command(
         "data",

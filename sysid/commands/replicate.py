@@ -86,7 +86,14 @@ def _replicate(
         ) as runner,
         bars.task(f"{paper.id}: studies", len(paper.plan(runs))) as bar,
     ):
-        session = Session(runs, arguments.seed, arguments.smoke, runner, finished=bar.advance)
+        session = Session(
+            runs,
+            arguments.seed,
+            arguments.smoke,
+            runner,
+            finished=bar.advance,
+            with_records=arguments.with_records,
+        )
         result = paper.replicate(session)
     for failed in session.failures:
         print(

@@ -51,6 +51,11 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--format", type=formats, default=FORMATS, help="reports to write: html, pdf, json")
     parser.add_argument("--smoke", action="store_true", help="few runs; every gate is still checked")
+    parser.add_argument(
+        "--with-records",
+        action="store_true",
+        help="also compute what needs real records (SYSID_DATA names their folder); takes minutes more",
+    )
     parser.add_argument("--resume", action="store_true", help="go on from the finished runs in DIR")
     parser.add_argument("--dry-run", action="store_true", help="list what would be run, and stop")
     parser.add_argument("--case", help="case of --only-run, as the dry run lists it (every case when absent)")

@@ -101,9 +101,10 @@ class BlackBox(Refitted):
 
 def black_box_names() -> tuple[str, ...]:
     """Return the names of these models."""
+    from sysid.diagnosis.models import WIENER_HAMMERSTEIN
     from sysid.nonlinearities import NONLINEARITIES
 
-    return (STATE_SPACE, *(f"{HAMMERSTEIN}{name}" for name in NONLINEARITIES))
+    return (STATE_SPACE, *(f"{HAMMERSTEIN}{name}" for name in NONLINEARITIES), WIENER_HAMMERSTEIN)
 
 
 def fit_black_box(

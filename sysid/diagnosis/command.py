@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 from sysid.errors import UsageError
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from sysid.data import Record
     from sysid.diagnosis.compare import Comparison
     from sysid.progress import ProgressTask
@@ -61,7 +63,8 @@ def add_model_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="linear|NAME|FILE.toml|MODULE:CLASS",
         default="linear",
         help="linear (default), state-space, hammerstein-<map> (as hammerstein-saturation), local-linear (or "
-        "local-linear-3 for three of them), a physical model that `sysid models` lists, or one of your own",
+        "local-linear-3 for three of them), wiener-hammerstein, a physical model that `sysid models` lists, "
+        "or one of your own",
     )
     group.add_argument(
         "--order", metavar="N", type=int, help="order of the linear model (default: chosen from the data)"
@@ -169,10 +172,10 @@ def run(arguments: argparse.Namespace) -> int:
         resolve_model(case.model, case.order, start, fixed)
         earlier = [path for other in cases[:number] for path in _results(other)]
         check_results([*earlier, *_results(case)], case.data)
-    comparisons = []
+    comparisons: list[Comparison] = []
     for case in cases:
         if len(cases) > 1:
-            print(f"{'' if case is cases[0] else chr(10)}== {case.output[0]}, model {case.model}")
+            print("\n" * bool(comparisons) + f"== {case.output[0]}, model {case.model}")
         comparisons.append(_run_one(case))
     if len(cases) > 1:
         _print_side_by_side(comparisons)
@@ -186,7 +189,7 @@ def _cases(arguments: argparse.Namespace) -> list[argparse.Namespace]:
         twice = [name for name in names if names.count(name) > 1]
         if twice:
             raise UsageError(f"{option} is given {twice[0]!r} twice: give it once")
-    page = arguments.html or DEFAULT_FOLDER / f"{_stem(arguments.data)}.compare.html"
+    page = arguments.html or DEFAULT_FOLDER / f"{stem_of(arguments.data)}.compare.html"
     cases = []
     for output in outputs:
         for number, model in enumerate(models):
@@ -235,7 +238,7 @@ def _run_one(arguments: argparse.Namespace) -> "Comparison":
                 start=start_values(arguments.param),
                 fixed=assigned_values("--fix", arguments.fix),
                 initial_state=arguments.initial_state,
-                progress=_percent_of(bar),
+                progress=percent_of(bar),
             )
         with bars.task("page", total=None):
             text = comparison.to_html()
@@ -245,7 +248,7 @@ def _run_one(arguments: argparse.Namespace) -> "Comparison":
         write_result(arguments.pdf, document)
     if arguments.json is not None:
         write_text(arguments.json, to_json_text(comparison.to_json()))
-    _print(comparison, {"Page": arguments.html, "PDF": arguments.pdf, "JSON": arguments.json})
+    print_comparison(comparison, {"Page": arguments.html, "PDF": arguments.pdf, "JSON": arguments.json})
     return comparison
 
 
@@ -278,7 +281,7 @@ def _print_side_by_side(comparisons: Sequence["Comparison"]) -> None:
     console.print(table)
 
 
-def _percent_of(bar: "ProgressTask") -> Callable[[int, int], None]:
+def percent_of(bar: "ProgressTask") -> Callable[[int, int], None]:
     """Return a callback that moves a bar of 100 steps to the share that is done."""
     shown = 0
 
@@ -350,11 +353,15 @@ def _is_notes(path: Path, data: Path) -> bool:
     return not (isinstance(content, dict) and {"schema", "model", "scores"} <= content.keys())
 
 
-def _stem(data: Path) -> str:
+def stem_of(data: Path) -> str:
+    """Return the name of a record without the ending of its file."""
     return data.name.removesuffix(".gz").rsplit(".", 1)[0]
 
 
-def _print(comparison: "Comparison", results: Mapping[str, Path | None]) -> None:
+def print_comparison(
+    comparison: "Comparison", results: Mapping[str, Path | None], *, parameters: bool = False
+) -> None:
+    """Print sentences, scores and where the results are; parameters with their intervals if wished."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
@@ -366,6 +373,9 @@ def _print(comparison: "Comparison", results: Mapping[str, Path | None]) -> None
         console.print(sentence, markup=False, soft_wrap=True)
     for warning in comparison.warnings:
         console.print(f"Note: {warning}", markup=False, soft_wrap=True)
+    if parameters:
+        console.print()
+        console.print(_parameter_table(comparison))
     table = Table(box=None, pad_edge=False)
     table.add_column("rows")
     for heading in ("samples", "RMSE", "NRMSE", "95 % interval", "fit", "one-step RMSE"):
@@ -387,3 +397,20 @@ def _print(comparison: "Comparison", results: Mapping[str, Path | None]) -> None
     for name, path in results.items():
         if path is not None:
             console.print(f"{name}: {path}", markup=False, soft_wrap=True)
+
+
+def _parameter_table(comparison: "Comparison") -> "Table":
+    from rich.markup import escape
+    from rich.table import Table
+
+    from sysid.diagnosis.content import interval_text
+
+    table = Table(box=None, pad_edge=False)
+    table.add_column("parameter")
+    table.add_column("value", justify="right")
+    table.add_column("95 % interval", justify="right")
+    table.add_column("unit")
+    for name, entry in comparison.model.parameters.items():
+        interval = interval_text(entry.value, entry.std_error)
+        table.add_row(escape(name), f"{entry.value:.4g}", interval, escape(entry.unit))
+    return table

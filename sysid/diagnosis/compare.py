@@ -208,8 +208,35 @@ def compare(
         delay=delay,
         constant=constant,
         initial_state=initial_state,
-        progress=_part_of(progress, 0, FITTING_SHARE),
+        progress=part_of(progress, 0, FITTING_SHARE),
     )
+    return judge(record, fitted, ports=ports, progress=progress)
+
+
+def judge(
+    record: Record,
+    fitted: FittedModel,
+    *,
+    ports: bool = True,
+    progress: Callable[[int, int], None] | None = None,
+) -> Comparison:
+    """Judge a fitted model on the rows it has not seen.
+
+    Parameters
+    ----------
+    record : Record
+    fitted : FittedModel
+        Fitted on the estimation rows, and on estimation and validation rows.
+    ports : bool
+        Whether to fit a free-form curve at each port of a linear or physical model.
+    progress : callable, optional
+        Called with the number of steps done and to do.
+
+    Returns
+    -------
+    Comparison
+    """
+    _check_output(record)
     prediction = fitted.predict(record)
     judged, rows = _judged_rows(record)
     delay_found = int(fitted.details().get("delay", 1))
@@ -217,9 +244,9 @@ def compare(
         judged_series(record, name, chosen, prediction.free_run, delay_found)
         for name, chosen in ((judged, rows), (record.estimation_label, record.learning))
     )
-    location = locate(series, learned, _part_of(progress, FITTING_SHARE, LOCATING_SHARE))
+    location = locate(series, learned, part_of(progress, FITTING_SHARE, LOCATING_SHARE))
     location = _with_reversals(location, series, prediction.free_run, fitted)
-    curves, notes = _explored(record, fitted, _part_of(progress, LOCATING_SHARE, 100)) if ports else ((), ())
+    curves, notes = _explored(record, fitted, part_of(progress, LOCATING_SHARE, 100)) if ports else ((), ())
     return Comparison(
         record=record,
         model=fitted,
@@ -275,7 +302,7 @@ def _with_reversals(location: Location, series: Series, free_run: Floats, fitted
     return location if found is None else replace(location, findings=(*location.findings, found))
 
 
-def _part_of(
+def part_of(
     progress: Callable[[int, int], None] | None, first: int, last: int
 ) -> Callable[[int, int], None] | None:
     """Return a callback that moves from one percentage to another."""

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from sysid.diagnosis.scores import SetScore
 
 
+NORMAL_95 = 1.959963984540054  # 97.5 % quantile of the normal distribution
+
+
 @dataclass(frozen=True)
 class Table:
     """A table; columns whose heading begins with ``>`` are aligned to the right."""
@@ -71,6 +74,8 @@ def content_of(comparison: "Comparison") -> Content:
         Section("To keep in mind", items=comparison.warnings),
         Section("Scores", tables=(_scores(comparison),), paragraphs=_score_notes(comparison)),
         Section("Measured and modelled", pictures=drawn["run"]),
+        Section("The map", pictures=drawn["maps"]),
+        Section("The linear blocks", pictures=drawn["blocks"]),
         Section(
             "Where it fails",
             paragraphs=_where_paragraphs(comparison),
@@ -198,10 +203,17 @@ def _test_row(name: str, test: CorrelationTest) -> tuple[str, ...]:
 def _model_tables(comparison: "Comparison") -> tuple[Table, ...]:
     model = comparison.model
     rows = tuple(
-        (name, f"{entry.value:.6g}", _error_text(entry.std_error), entry.unit)
+        (
+            name,
+            f"{entry.value:.6g}",
+            _error_text(entry.std_error),
+            interval_text(entry.value, entry.std_error),
+            entry.unit,
+        )
         for name, entry in model.parameters.items()
     )
-    tables = [Table("Parameters.", ("parameter", ">value", ">standard error", "unit"), rows)]
+    columns = ("parameter", ">value", ">standard error", ">95 % interval", "unit")
+    tables = [Table("Parameters.", columns, rows)]
     if model.poles:
         poles = tuple(_pole(pole, comparison.record.period) for pole in model.poles)
         tables.append(Table("Poles.", ("pole", "meaning"), poles))
@@ -212,6 +224,20 @@ def _error_text(std_error: float | None) -> str:
     if std_error is None:
         return "fixed"
     return f"{std_error:.2g}" if isfinite(std_error) else "not determined"
+
+
+def interval_text(value: float, std_error: float | None) -> str:
+    """Return the 95 % interval of a parameter, or a dash.
+
+    Examples
+    --------
+    >>> interval_text(0.4, 0.01), interval_text(1.0, None)
+    ('0.3804 to 0.4196', '–')
+    """
+    if std_error is None or not isfinite(std_error):
+        return "–"
+    half = NORMAL_95 * std_error
+    return f"{value - half:.4g} to {value + half:.4g}"
 
 
 def _pole(pole: complex, period: float) -> tuple[str, str]:

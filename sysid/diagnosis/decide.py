@@ -1,7 +1,8 @@
 """The decision: which effects a model lacks, on evidence that all must agree."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from sysid.diagnosis.noise_colour import Noise
 from sysid.diagnosis.ranking import with_every_candidate
 from sysid.diagnosis.residual_evidence import WHITE, Evidence
 from sysid.diagnosis.structures import Choice, Structure, StructureFit, filtered
+from sysid.progress import Progress
 
 NOISE_EFFECT = "coloured_noise"
 # How many candidates are fitted at all, in all their forms, and with the finest search.
@@ -20,6 +22,10 @@ SCREENED, REFINED, POLISHED = 12, 6, 3
 EXCHANGED = 6
 # How many are fitted beside effects that were accepted before, in all forms, and finest.
 FURTHER, REFINED_BESIDE, POLISHED_BESIDE = 8, 4, 2
+# How often a fit and the colour of its residual are brought to agree.
+SETTLINGS = 2
+# How many runners-up are tried before a record counts as unexplained, and how many beside each.
+RUNNERS_UP, BESIDE_RUNNER_UP = 2, 4
 # Two candidates are tied when their errors differ by less than so many standard errors.
 TIED = 2.0
 # A further effect must explain this share of what all effects explain, or it is a detail of the first.
@@ -31,6 +37,9 @@ SUSPECT_P_VALUE = 3e-3
 LEFT_SHARE, SUSPECT_SHARE = 0.01, 0.004
 # Effects stay accepted beside something unexplained if they leave at most this share of the explainable.
 LEAST_EXPLAINED = 0.9
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 
 class Search(Evidence):
@@ -47,6 +56,10 @@ class Search(Evidence):
     seed : int
     given : sequence of Effect
         Effects that are in the model whatever the evidence.
+    jobs : int
+        Candidates fitted at a time, each by a thread of its own; the answer is the same.
+    bars : Progress, optional
+        Shows how many candidates of a round are fitted.
     """
 
     def __init__(
@@ -58,7 +71,10 @@ class Search(Evidence):
         max_effects: int = 3,
         seed: int = 0,
         given: Sequence[Effect] = (),
+        jobs: int = 1,
+        bars: Progress | None = None,
     ) -> None:
+        self.jobs, self.bars = jobs, Progress() if bars is None else bars
         self.given = structure.offered(given)
         super().__init__(structure, alpha, len(self.given))
         self.max_effects, self.seed = max_effects, seed
@@ -71,7 +87,25 @@ class Search(Evidence):
     def decide(self) -> Decision:
         """Name what is missing."""
         decision = self._decided()
+        leading = [self._settled(trial) for trial in decision.trials[:POLISHED]]
+        decision = replace(decision, trials=(*leading, *decision.trials[POLISHED:]))
         return with_every_candidate(decision, self.names, self._memory(decision.baseline))
+
+    def _settled(self, trial: Trial) -> Trial:
+        """Refit a candidate under the colour of its own residual.
+
+        It was weighted by the colour of what is left without it: no minimum of its own likelihood, so that
+        its parameters would be off by more than their standard errors.
+        """
+        settled = trial
+        for _ in range(SETTLINGS if trial.fit is not None else 0):
+            assert settled.fit is not None
+            noise = self._noise(settled.fit)
+            fit = self.structure.fit(settled.fit.choices, self.rows, noise.polynomial, settled.fit, effort=0)
+            if not _usable(fit):
+                break
+            settled = replace(settled, fit=fit, noise=noise)
+        return settled
 
     def _memory(self, baseline: StructureFit) -> Trial | None:
         """Return the memory of the noise as a candidate beside the others."""
@@ -90,8 +124,38 @@ class Search(Evidence):
             return Decision(
                 "not-identifiable", baseline, (), (), (), (), self._noise(baseline), 1.0, 0.0, unknown
             )
-        fits = self._given_fits(baseline)
-        n_given = len(fits)
+        given = self._given_fits(baseline)
+        fits, trials, tie = self._grown(baseline, given, len(given))
+        decision = self._verdict(baseline, fits, trials, tie)
+        for trial in self._replacing(decision):
+            assert trial.fit is not None
+            others, _, _ = self._grown(baseline, [*given, trial.fit], len(given))
+            found = (trial, *(other for other in trials if other is not trial))
+            decision = min(decision, self._verdict(baseline, others, found, ()), key=lambda d: d.left_share)
+        if decision.verdict == "unexplained" and self.max_effects > 1:
+            return self._otherwise(decision, trials)
+        return decision
+
+    def _replacing(self, decision: Decision) -> list[Trial]:
+        """Return laws of flow that are worth a search of their own where nothing explains.
+
+        They replace a law of the model, so they need not show beside an effect that was taken for them.
+        """
+        if decision.verdict != "unexplained" or decision.left_share <= 1.0 - LEAST_EXPLAINED:
+            return []
+        flows = {effect.name for effect in self.candidates if effect.port == "flow"}
+        return [
+            trial
+            for trial in decision.trials
+            if trial.name in flows - set(decision.rejected)
+            and trial.fit is not None
+            and self._accepted(trial, decision.baseline, decision.baseline, False)
+        ]
+
+    def _grown(
+        self, baseline: StructureFit, fits: list[StructureFit], n_given: int
+    ) -> tuple[list[StructureFit], tuple[Trial, ...], tuple[str, ...]]:
+        """Add effects while all evidence agrees; return the fits, the single candidates, and a tie."""
         trials: tuple[Trial, ...] = ()
         tie: tuple[str, ...] = ()
         while len(fits) < self.max_effects + n_given:
@@ -121,7 +185,35 @@ class Search(Evidence):
             if no_larger and self._own_criterion(grown) >= self._own_criterion(current):
                 break
             fits = self._rungs(grown, baseline, n_given)
-        return self._verdict(baseline, fits, trials, tie)
+        return fits, trials, tie
+
+    def _otherwise(self, decision: Decision, trials: tuple[Trial, ...]) -> Decision:
+        """Start again from the runners-up where the leader leads to nothing that explains all.
+
+        Alone, a look-alike can explain more than either of two effects that together explain everything.
+        """
+        final = decision.fits[-1] if decision.fits else decision.baseline
+        for trial in trials[1 : 1 + RUNNERS_UP]:
+            if trial.fit is None or trial.p_value >= self.alpha or trial.gain <= 0.0:
+                continue
+            found = self._round(trial.fit, True, BESIDE_RUNNER_UP)
+            if not found or found[0].fit is None or not found[0].gain > 0.0:
+                continue
+            pair = self._pruned(self._exchanged(found[0].fit, len(self.given)), len(self.given))
+            if len(pair.choices) < len(self.given) + 2 or not self._better_held_out(pair, final):
+                continue
+            other = self._verdict(
+                decision.baseline, self._rungs(pair, decision.baseline, len(self.given)), trials, ()
+            )
+            if other.verdict != "unexplained":
+                return other
+        return decision
+
+    def _better_held_out(self, fit: StructureFit, other: StructureFit) -> bool:
+        """Tell whether a fit is better by its criterion and by its free run on held-out rows."""
+        return self._own_criterion(fit) < self._own_criterion(other) and self._held_out_error(
+            fit, WHITE
+        ) < self._held_out_error(other, WHITE)
 
     def _given_fits(self, baseline: StructureFit) -> list[StructureFit]:
         fits: list[StructureFit] = []
@@ -132,7 +224,7 @@ class Search(Evidence):
                 fits.append(trial.fit)
         return fits
 
-    def _round(self, current: StructureFit, further: bool) -> tuple[Trial, ...]:
+    def _round(self, current: StructureFit, further: bool, most: int = FURTHER) -> tuple[Trial, ...]:
         """Try every candidate beside the effects of a fit; return them best first."""
         candidates = [e for e in self.candidates if e.name not in current.names]
         if not candidates:
@@ -145,32 +237,56 @@ class Search(Evidence):
         ranking = sorted(candidates, key=lambda e: -screen.statistics[e.name])
         # A family whose fits are cheap may ask for more of them than the screen would let through.
         count: int = getattr(self.structure, "screened", SCREENED)
-        count = min(count, FURTHER) if further else count
+        count = min(count, most) if further else count
         trials = self._trials(current, ranking[:count], colour)
         left = [Trial(e.name, None, Noise(WHITE, 0.0, 0.0), np.inf, -np.inf) for e in ranking[count:]]
         return self._judged(current, [*trials, *left], screen, colour)
 
     def _trials(self, current: StructureFit, candidates: Sequence[Effect], noise: Noise) -> list[Trial]:
         """Fit the candidates, the better ones with more care; return them best first."""
-        found = {}
         first = len(current.choices) == len(self.given)
         refined, polished = (REFINED, POLISHED) if first else (REFINED_BESIDE, POLISHED_BESIDE)
-        for effect in candidates:
+
+        def simply(effect: Effect) -> Trial:
             # Half-wave and full-wave are different effects; a two-sided form is a refinement.
             size = len(effect.forms[0].parameters)
             simple = [form for form in effect.forms if len(form.parameters) <= size]
-            found[effect.name] = self._fitted(current, effect, simple, noise, 1)
+            return self._fitted(current, effect, simple, noise, 1)
+
+        beside = f" beside {' and '.join(current.names)}" if current.choices else ""
+        tried = self._each(f"candidates{beside}", simply, candidates)
+        found = {trial.name: trial for trial in tried}
         for effort, count in ((1, refined), (2, polished)):
             leaders = sorted(found.values(), key=lambda t: t.criterion)[:count]
-            for trial in leaders:
+
+            def carefully(trial: Trial, effort: int = effort) -> Trial:
                 effect = next(e for e in candidates if e.name == trial.name)
                 forms = effect.forms[1:] if effort == 1 else effect.forms
-                other = self._fitted(current, effect, forms, noise, effort)
-                if other.criterion < trial.criterion:
-                    found[effect.name] = other
+                return self._fitted(current, effect, forms, noise, effort)
+
+            for trial in self._each(f"leaders{beside}", carefully, leaders):
+                if trial.criterion < found[trial.name].criterion:
+                    found[trial.name] = trial
         base = self._criterion(self._refitted(current, noise), noise)
         trials = [replace(t, gain=base - t.criterion) for t in found.values()]
         return sorted(trials, key=lambda t: t.criterion)
+
+    def _each(self, what: str, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+        """Apply a function to each item, several at a time if so many jobs may run, results in order."""
+        work = list(items)
+        with self.bars.task(what, len(work)) as bar:
+
+            def counted(item: Item) -> Result:
+                result = function(item)
+                bar.advance()
+                return result
+
+            if self.jobs == 1 or len(work) < 2:
+                return [counted(item) for item in work]
+            from joblib import Parallel, delayed
+
+            # The simulations run without the interpreter's lock, so threads do, and nothing is copied.
+            return list(Parallel(n_jobs=self.jobs, prefer="threads")(delayed(counted)(item) for item in work))
 
     def _fitted(
         self, current: StructureFit, effect: Effect, forms: Sequence[object], noise: Noise, effort: int
@@ -300,6 +416,8 @@ class Search(Evidence):
             others = tuple(c for i, c in enumerate(fit.choices) if i != position)
             noise = self._colour(fit)
             without = self.structure.fit(others, self.rows, noise.polynomial, fit, effort=0)
+            if not _usable(without):
+                continue
             options = [e for e in self.candidates if e.name not in without.names]
             statistics = self._screen(without, options, noise).statistics
             options.sort(key=lambda e: -statistics[e.name])
@@ -318,11 +436,7 @@ class Search(Evidence):
             noise = self._colour(fit)
             smaller = [
                 self.structure.fit(
-                    tuple(c for c in fit.choices if c is not left),
-                    self.rows,
-                    noise.polynomial,
-                    fit,
-                    effort=0,
+                    tuple(c for c in fit.choices if c is not left), self.rows, noise.polynomial, fit, effort=0
                 )
                 for left in fit.choices[n_given:]
             ]

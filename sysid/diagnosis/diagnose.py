@@ -11,15 +11,17 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.advice import advise
-from sysid.diagnosis.decide import NOISE_EFFECT, Search
+from sysid.diagnosis.decide import NOISE_EFFECT, TIED, Search
 from sysid.diagnosis.decision import Decision, Trial
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
+from sysid.diagnosis.evidence import block_separation
 from sysid.diagnosis.long_records import LONGEST, Portable, carried, rows_for_one, shortened, thinned
 from sysid.diagnosis.noise_colour import noise_of
 from sysid.diagnosis.scores import finite, nrmse_interval, score
 from sysid.diagnosis.structures import Choice, FittedParameter, Structure, StructureFit
 from sysid.errors import UsageError
+from sysid.progress import progress as bars_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -292,6 +294,8 @@ def diagnose(
     start: Mapping[str, float] | None = None,
     fixed: Mapping[str, float] | None = None,
     seed: int = 0,
+    jobs: int = 1,
+    progress: bool | None = False,
 ) -> Diagnosis:
     """Learn which physical effect a model lacks, and add it.
 
@@ -322,6 +326,10 @@ def diagnose(
         Uncertain and known values of a physical model's parameters.
     seed : int
         Of the simulated null distribution.
+    jobs : int
+        Candidates fitted at a time; the answer is the same for any number.
+    progress : bool or None
+        Whether to show on standard error what is being fitted; None does so on a terminal.
 
     Returns
     -------
@@ -351,6 +359,8 @@ def diagnose(
     """
     begun = time.perf_counter()
     _check(record, max_effects, alpha, accept)
+    if jobs < 1:
+        raise UsageError(f"jobs is {jobs}: give 1 or more")
     long = int(record.learning.sum()) > LONGEST and not hasattr(model, "offered")
     count = rows_for_one(record) if long and model != "linear" else 1
     part, chosen = record, record.learning
@@ -358,10 +368,12 @@ def diagnose(
         part, chosen = thinned(record, count) if count > 1 else shortened(record)
     structure = structure_of(part, model, order, initial_state, start, fixed)
     candidates = find_effects(effects if effects is not None else [e.name for e in _catalogue()])
-    search = Search(
-        structure, candidates, alpha=alpha, max_effects=max_effects, seed=seed, given=find_effects(add)
-    )
-    decision = search.decide()
+    with bars_of(progress) as bars:
+        search = Search(
+            structure, candidates, alpha=alpha, max_effects=max_effects, seed=seed, given=find_effects(add),
+            jobs=jobs, bars=bars,
+        )  # fmt: skip
+        decision = search.decide()
     kept = _kept(decision, accept)
     estimates = [decision.baseline, *search.rungs_of(decision, kept)]
     whole: Structure = structure
@@ -450,7 +462,8 @@ def _ladder(
     The noise's memory from row to row is another where rows stood for several in the search: then the
     free-run error itself is minimised.
     """
-    record, noise = structure.record, WHITE if thin else decision.noise.polynomial
+    record = structure.record
+    noise = WHITE if thin else _weighting(structure, estimates[-1], decision.noise.polynomial)
     finals = []
     for fit in estimates:
         final = structure.fit(fit.choices, record.learning, noise, fit, effort=0)
@@ -471,6 +484,25 @@ def _ladder(
         removed = 0.0 if step == 0 else (errors[step - 1] - errors[step]) / explainable
         rungs.append(Rung(step, effect, DiagnosedModel(structure, final), scores, removed))
     return tuple(rungs)
+
+
+def _weighting(structure: Structure, fit: StructureFit, noise: Floats) -> Floats:
+    """Return the colour under which the last refit is made: none where plain errors foretell more.
+
+    What is left of a measured record is often no noise.  Then a fit that weighs it by a colour leaves some
+    free-run error, which held-out rows tell beyond chance.
+    """
+    if noise.size == 1:
+        return noise
+    record = structure.record
+    residuals = []
+    for colour in (WHITE, noise):
+        again = structure.fit(fit.choices, record.estimation, colour, fit, effort=0)
+        residuals.append((record.y[:, 0] - again.output)[record.validation])
+    if not np.isfinite(residuals[0]).all():
+        return noise
+    worse = not np.isfinite(residuals[1]).all() or block_separation(*residuals) > TIED
+    return WHITE if worse else noise
 
 
 def _score(record: Record, rows: Any, output: Floats) -> dict[str, Any]:

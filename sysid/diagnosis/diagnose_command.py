@@ -93,6 +93,8 @@ def run(arguments: argparse.Namespace) -> int:
             start=start,
             fixed=fixed,
             seed=arguments.seed,
+            jobs=arguments.jobs,
+            progress=None,
         )
         _write(diagnosis, arguments)
     for sentence in diagnosis.sentences():

@@ -12,10 +12,13 @@ from numpy.typing import ArrayLike
 from sysid.diagnosis.diagnose import DiagnosedModel
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.effects.catalogue import find_effects
+from sysid.diagnosis.export_physics import KIND as PHYSICAL
+from sysid.diagnosis.export_physics import MEMORY, TIMED, SavedPhysicalModel, saved_physical_model
 from sysid.diagnosis.linear_chain import Chain, Data
 from sysid.diagnosis.linear_structure import LinearStructure
+from sysid.diagnosis.physics_structure import PhysicsStructure
 from sysid.diagnosis.structures import Choice
-from sysid.errors import DataError, ModelError, UsageError
+from sysid.errors import DataError, ModelError, SysidError, UsageError
 
 SCHEMA = 1
 KIND = "sysid-linear-model"
@@ -136,22 +139,18 @@ class SavedModel:
         return source(self)
 
 
-MEMORY = ("in_backlash", "in_delay", "in_rate_limit", "in_hysteresis", "out_delay", "out_lowpass")
-TIMED = ("out_drift", "time_variation")
-
-
 def _place(chain: Chain, i: int) -> slice:
     before = sum(len(c.form.parameters) for c in chain.choices[:i])
     return slice(before, before + len(chain.choices[i].form.parameters))
 
 
-def saved_model(model: DiagnosedModel) -> SavedModel:
-    """Return a diagnosed linear model apart from its record."""
+def saved_model(model: DiagnosedModel) -> SavedModel | SavedPhysicalModel:
+    """Return a diagnosed model apart from its record."""
     structure, fit = model.structure, model.fitted
+    if isinstance(structure, PhysicsStructure):
+        return saved_physical_model(model)
     if not isinstance(structure, LinearStructure):
-        raise UsageError(
-            f"the model {structure.name!r} is a physical one: only linear models with effects can be saved"
-        )
+        raise UsageError(f"the model {structure.name!r} is of your own class: save it by its own means")
     n = structure.order
     chain, data = structure.chain(fit.choices), structure.data(fit.rows)
     effects = tuple(
@@ -179,8 +178,9 @@ def save(model: DiagnosedModel, path: Path) -> None:
     from sysid.diagnosis.command import write_text
 
     check_ending(path)
-    kinds = {".json": _json_text, ".toml": _toml_text, ".py": SavedModel.to_python}
-    write_text(path, kinds[path.suffix](saved_model(model)))
+    saved = saved_model(model)
+    kinds = {".json": _json_text, ".toml": _toml_text}
+    write_text(path, saved.to_python() if path.suffix == ".py" else kinds[path.suffix](saved))
 
 
 def check_ending(path: Path) -> None:
@@ -189,35 +189,40 @@ def check_ending(path: Path) -> None:
         raise UsageError(f"{path}: the ending {path.suffix!r} is not known: choose .json, .toml or .py")
 
 
-def load(path: Path) -> SavedModel:
+def load(path: Path) -> SavedModel | SavedPhysicalModel:
     """Read a model that `save` wrote as JSON or TOML."""
     try:
         text = path.read_text(encoding="utf-8")
         content = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text)
-        if content["kind"] != KIND or content["schema"] != SCHEMA:
+        if content["kind"] not in (KIND, PHYSICAL) or content["schema"] != SCHEMA:
             raise DataError(f"{path} is no model of this version: save it again")
         effects = tuple(
             (str(e["name"]), str(e["form"]), {str(k): float(v) for k, v in e["parameters"].items()})
             for e in content["effects"]
         )
+        if content["kind"] == PHYSICAL:
+            period, steps = float(content["period"]), int(content["substeps"])
+            found = SavedPhysicalModel(str(content["model"]), period, str(content["hold"]), steps, effects)
+            found.simulate(np.zeros((1, len(found.model.inputs))))
+            return found
         a, b = (tuple(float(v) for v in content[key]) for key in ("a", "b"))
         return SavedModel(a, b, float(content["constant"]), float(content["period"]), effects)
     except OSError as problem:
         raise DataError(f"{path} cannot be read ({problem.strerror}): give a saved model") from None
     except (ValueError, KeyError, TypeError, AttributeError) as problem:
-        if isinstance(problem, DataError):
+        if isinstance(problem, SysidError):
             raise
         raise DataError(f"{path} is no saved model ({problem!r}): write one with --save") from None
 
 
-def _json_text(saved: SavedModel) -> str:
+def _json_text(saved: SavedModel | SavedPhysicalModel) -> str:
     return json.dumps(saved.to_json(), indent=1) + "\n"
 
 
-def _toml_text(saved: SavedModel) -> str:
+def _toml_text(saved: SavedModel | SavedPhysicalModel) -> str:
     content = saved.to_json()
-    lines = [f'kind = "{KIND}"', f"schema = {SCHEMA}", f"period = {saved.period!r}"]
-    lines += [f"{key} = {content[key]!r}" for key in ("a", "b", "constant")]
+    plain = {key: value for key, value in content.items() if key != "effects"}
+    lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in plain.items()]
     if not saved.effects:
         lines.append("effects = []")
     for name, form, parameters in saved.effects:

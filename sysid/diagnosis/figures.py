@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from sysid.reporting.style import COLOURS, GREY, LINE_STYLES, series, style, sub
 
 if TYPE_CHECKING:
     from sysid.diagnosis.compare import Comparison
-    from sysid.diagnosis.models import PortView
+    from sysid.diagnosis.models import FittedModel, PortView
     from sysid.linear.forms import Floats
 
 # A curve of more points is drawn as the largest and smallest value of so many stretches.
@@ -54,6 +55,8 @@ def pictures(comparison: "Comparison") -> dict[str, list[Picture]]:
 
     found: dict[str, list[Picture]] = {
         "run": [_picture(comparison, overview, 4.3), _picture(comparison, worst_stretch, 4.6)],
+        "maps": map_pictures(comparison.model),
+        "blocks": block_pictures(comparison.model),
         "where": [],
         "ports": port_pictures(comparison.ports),
         "tests": [],
@@ -81,14 +84,39 @@ def port_pictures(ports: "tuple[PortView, ...]") -> list[Picture]:
     return [ports_picture(curves)] if curves else []
 
 
+def map_pictures(model: "FittedModel") -> list[Picture]:
+    """Draw the maps that are part of the model, if there are any."""
+    from sysid.diagnosis.models import Mapped
+    from sysid.diagnosis.ports.figures import map_figure
+
+    if not isinstance(model, Mapped):
+        return []
+    return [drawn_picture(partial(map_figure, view)) for view in model.maps()]
+
+
+def block_pictures(model: "FittedModel") -> list[Picture]:
+    """Draw the frequency responses of the model's linear blocks, if it has several."""
+    from sysid.diagnosis.figures_blocks import blocks_figure
+    from sysid.diagnosis.models import Responding
+
+    if not isinstance(model, Responding):
+        return []
+    return [drawn_picture(partial(blocks_figure, model.responses()))]
+
+
 Drawer = Callable[["Comparison", float, float], tuple[Any, str, str]]
 
 
 def _picture(comparison: "Comparison", draw: Drawer, height: float) -> Picture:
+    return drawn_picture(lambda width: draw(comparison, width, height))
+
+
+def drawn_picture(draw: Callable[[float], tuple[Any, str, str]]) -> Picture:
+    """Draw a figure for wide and narrow screens."""
     with style(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from font")  # a name in a rare script
-        wide, title, reading = draw(comparison, WIDE, height)
-        narrow, _, _ = draw(comparison, NARROW, height)
+        wide, title, reading = draw(WIDE)
+        narrow, _, _ = draw(NARROW)
         return Picture(title, reading, svg(wide), svg(narrow))
 
 

@@ -16,7 +16,7 @@ from sysid.data.record import Mask
 from sysid.diagnosis.structures import Structure, StructureFit
 
 # Learning rows up to which a search takes all, and how many it takes of a longer record.
-LONGEST, SEARCHED = 12_000, 8_000
+LONGEST, SEARCHED = 8_000, 6_000
 FEWEST = 400
 HELD_OUT_SHARE = 0.25
 # Rows stand for one if so many are left, and if beyond half of the new Nyquist frequency the output, its
@@ -101,8 +101,8 @@ def shortened(record: Record) -> tuple[Record, Mask]:
     >>> from sysid.data import make_record
     >>> long = make_record(np.sin(np.arange(40_000.0)), np.cos(np.arange(40_000.0)), period=1e-3)
     >>> short, rows = shortened(long)
-    >>> short.n_samples, int(short.validation.sum()), bool(rows[:8000].all())
-    (8000, 2000, True)
+    >>> short.n_samples, int(short.validation.sum()), bool(rows[:6000].all())
+    (6000, 1500, True)
     """
     total = int(record.learning.sum())
     chosen = np.zeros(record.n_samples, dtype=bool)

@@ -2,17 +2,20 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 from sysid.data import Record
 from sysid.errors import UsageError
 
 if TYPE_CHECKING:
+    from sysid.diagnosis.figures_blocks import BlockResponse
+    from sysid.linear.forms import Floats
     from sysid.linear.selection import Candidate
     from sysid.linear.simulation import Prediction
     from sysid.physics import Model, Starts
 
 LINEAR = "linear"
+WIENER_HAMMERSTEIN = "wiener-hammerstein"
 
 
 class ParameterValue(NamedTuple):
@@ -94,6 +97,79 @@ class FittedModel(Protocol):
         """Return further entries of the model's part of the JSON file."""
 
 
+class CurveView(Protocol):
+    """A static map with its band and the data it rests on, as a figure shows it.
+
+    Attributes
+    ----------
+    quantity, unit, result, result_unit : str
+        What the map is fed and what it returns.
+    value, centre, lower, upper, density : ndarray, shape (n_points,)
+        Grid, map, limits of its 95 % interval, share of the data around each point.
+    knots : ndarray
+    """
+
+    @property
+    def quantity(self) -> str: ...  # noqa: D102
+    @property
+    def unit(self) -> str: ...  # noqa: D102
+    @property
+    def result(self) -> str: ...  # noqa: D102
+    @property
+    def result_unit(self) -> str: ...  # noqa: D102
+    @property
+    def value(self) -> "Floats": ...  # noqa: D102
+    @property
+    def centre(self) -> "Floats": ...  # noqa: D102
+    @property
+    def lower(self) -> "Floats": ...  # noqa: D102
+    @property
+    def upper(self) -> "Floats": ...  # noqa: D102
+    @property
+    def density(self) -> "Floats": ...  # noqa: D102
+    @property
+    def knots(self) -> "Floats": ...  # noqa: D102
+
+
+class MapView(CurveView, Protocol):
+    """A map that is part of the fitted model.
+
+    Attributes
+    ----------
+    heading, sentence : str
+        What is drawn, and what it looks like.
+    bend, bend_lower, bend_upper : ndarray, shape (n_points,)
+        What the map has beyond its nearest straight line, with the 95 % interval.
+    """
+
+    @property
+    def heading(self) -> str: ...  # noqa: D102
+    @property
+    def sentence(self) -> str: ...  # noqa: D102
+    @property
+    def bend(self) -> "Floats": ...  # noqa: D102
+    @property
+    def bend_lower(self) -> "Floats": ...  # noqa: D102
+    @property
+    def bend_upper(self) -> "Floats": ...  # noqa: D102
+
+
+@runtime_checkable
+class Mapped(Protocol):
+    """A fitted model that shows maps of its own."""
+
+    def maps(self) -> "tuple[MapView, ...]":
+        """Return the maps of the final model."""
+
+
+@runtime_checkable
+class Responding(Protocol):
+    """A fitted model that shows the frequency responses of its linear blocks."""
+
+    def responses(self) -> "tuple[BlockResponse, ...]":
+        """Return the responses of the final model, with their bands."""
+
+
 class PortView(Protocol):
     """A free-form curve at a port of the model, as a comparison shows it; the best one comes first."""
 
@@ -120,8 +196,8 @@ def resolve_model(
     Parameters
     ----------
     model : str, Path or Model
-        ``"linear"``, ``"state-space"``, ``"hammerstein-..."`` with the name of a map, ``"local-linear"``, the
-        name of a physical model, a TOML file, or a model.
+        ``"linear"``, ``"state-space"``, ``"hammerstein-..."`` with the name of a map,
+        ``"wiener-hammerstein"``, ``"local-linear"``, the name of a physical model, a TOML file, or a model.
     order : int, optional
     start, fixed : mapping of str to float, optional
 
@@ -169,8 +245,8 @@ def _black_boxes(model: str | Path) -> tuple[str, ...]:
         from sysid.diagnosis.local_linear import LOCAL_LINEAR, is_local_linear
 
         return (str(model) if is_local_linear(str(model)) else LOCAL_LINEAR,)
-    if not str(model).startswith(("state", "hammerstein")):
-        return ("state-space", "hammerstein-<map>", "local-linear")
+    if not str(model).startswith(("state", "hammerstein", "wiener")):
+        return ("state-space", "hammerstein-<map>", "wiener-hammerstein", "local-linear")
     from sysid.diagnosis.black_boxes import black_box_names
 
     return black_box_names()
@@ -205,6 +281,8 @@ def fit_model(
             progress=progress,
         )
         return LinearModel(choice, dict(record.units))
+    if model == WIENER_HAMMERSTEIN:
+        return _wiener_hammerstein(record, order, delay, constant, initial_state, progress)
     if isinstance(model, str):
         from sysid.diagnosis.black_boxes import fit_black_box
         from sysid.diagnosis.local_linear import fit_local_models, is_local_linear
@@ -237,3 +315,23 @@ def fit_model(
     if progress is not None:
         progress(200, 200)
     return PhysicalModel(fit, accepted)
+
+
+def _wiener_hammerstein(
+    record: Record,
+    order: int | None,
+    delay: int | None,
+    constant: bool | None,
+    initial_state: str,
+    progress: Callable[[int, int], None] | None,
+) -> FittedModel:
+    """Fit a Wiener-Hammerstein model; an order that is given is that of each of its blocks."""
+    from sysid.diagnosis.wiener_hammerstein_model import fit_wiener_hammerstein_structure
+
+    if constant is not None:
+        raise UsageError(
+            "constant belongs to the linear model: the map of a Wiener-Hammerstein model has its own"
+        )
+    given = {"orders": None if order is None else (order, order), "delay": delay}
+    options = {name: value for name, value in given.items() if value is not None}
+    return fit_wiener_hammerstein_structure(record, options, initial_state=initial_state, progress=progress)

@@ -9,7 +9,7 @@ import numpy as np
 from sysid.diagnosis.effects.base import Effect, Floats, Form
 from sysid.diagnosis.physics_search import DRY_PROBE, PROBE, problem_point, shape_values
 from sysid.diagnosis.structures import Choice, StructureFit
-from sysid.physics.forced import NO_LAW
+from sysid.physics.forced import NO_LAW, ForcedPlant
 
 if TYPE_CHECKING:
     from sysid.diagnosis.physics_structure import PhysicsStructure
@@ -117,7 +117,7 @@ def _through(structure: "PhysicsStructure", values: Floats, signals: Floats) -> 
     still = plant.run(values[np.newaxis], NO_LAW[np.newaxis], driven[0])
     driven[:, :, 0] = signals
     found = [plant.run(many, laws, driven) - still]
-    if plant.port.velocity is not None:
+    if isinstance(plant, ForcedPlant) and plant.port.velocity is not None:
         found.append(np.array([plant.respond(values, signal) for signal in signals]))
     return found
 

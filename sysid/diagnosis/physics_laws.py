@@ -39,6 +39,8 @@ _LAWS: Mapping[str, Callable[[Floats], Coefficients]] = {
 }
 # Coefficients of two effects that add up; one of the others cannot be in a law twice.
 _SUMS = ("friction_forward", "friction_back", "breakaway", "drag", "cubic", "constant")
+# Forces that a model which is not linear can take, too.
+SMOOTH_LAWS = ("quad_drag", "cubic_stiffness", "gravity_sine", "constant_force")
 INNER = ("force", "gain", "flow")
 # Effects that put out one of a few values.
 SWITCHES = ("in_relay", "in_hysteresis")

@@ -9,7 +9,7 @@ from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
-from sysid.diagnosis.physics_laws import SWITCHES, has_law, with_level
+from sysid.diagnosis.physics_laws import SMOOTH_LAWS, SWITCHES, has_law, with_level
 from sysid.diagnosis.physics_problem import Problem, Setting
 from sysid.diagnosis.physics_search import Tangent, grid_starts, problem_point, refined
 from sysid.diagnosis.physics_starts import wide_starts
@@ -23,7 +23,8 @@ from sysid.separable.descent import Minimum, Residual
 
 # Fastest rate times the Runge-Kutta step: the run's relative error is about its fourth power / 120.
 COARSE_STEP, FINE_STEP = 0.35, 0.2
-SEARCH_ROWS = 8_000
+# A search runs on the first rows, so many; its end is polished on all.
+SEARCH_ROWS = 2_500
 RESTARTS, MORE_RESTARTS = 4, 16
 SPREAD = 0.25
 # Two searches agree when their root mean square errors differ by this share, and their outputs by less than
@@ -33,11 +34,14 @@ SEED = 7
 EVALUATIONS = (100, 14, 60)
 TOLERANCES = (1e-7, 1e-4, 1e-7)
 DESCENTS = (1, 2, 4)
+# So many evaluations are spent on every start before the better ones are followed.
+TRIED = 6
 # The input counts as smooth between samples when that lowers the error to this share at least.
 SMOOTHER = 0.7
 GAIN_ROWS, SAME_DIRECTION = 1_000, 1e-4
 # A held input has power up to the Nyquist frequency: less than this share above this frequency is none.
 UPPER_FREQUENCY, UPPER_POWER = 0.8, 1e-4
+DIVERGES = "it diverges"
 WHITE = np.ones(1)
 Plant = ForcedPlant | GeneralPlant
 
@@ -113,7 +117,8 @@ class PhysicsStructure:
         if effect.port == "force":
             # With a constant force of the model's own these two would be second names.
             doubled = bool(port.constant) and effect.name in ("asymmetric_friction", "constant_force")
-            return port.velocity is not None and not doubled
+            known = not self.general or effect.name in SMOOTH_LAWS
+            return port.velocity is not None and known and not doubled
         if self.general and effect.port == "gain":
             return False
         return effect.port != "flow" or bool(port.levels)
@@ -219,6 +224,8 @@ class PhysicsStructure:
         known = self._carried(before, start)
         if effort == 0 or not new:
             point = problem_point(problem, before, known)
+            if not np.isfinite(problem.cost(point)):  # an effect that was left out may have held it
+                return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status=DIVERGES)
             end = problem.descend(point, EVALUATIONS[effort], TOLERANCES[effort])
             return self._result(problem, refined(problem, end, EVALUATIONS[1], TOLERANCES[effort]), True)
         small = _first_rows(rows, SEARCH_ROWS)
@@ -237,7 +244,8 @@ class PhysicsStructure:
                 ends.sort(key=_cost)
         best, agree = ends[0], _agree(ends)
         if search is not problem:
-            best = problem.descend(self._moved(search, problem, best.x), EVALUATIONS[2], TOLERANCES[effort])
+            last = EVALUATIONS[2] if effort == 2 else TRIED
+            best = problem.descend(self._moved(search, problem, best.x), last, TOLERANCES[effort])
         return self._result(problem, best, agree or effort == 1)
 
     def _ends(
@@ -247,12 +255,15 @@ class PhysicsStructure:
         found: list[Floats] = []
         for centre in self._centres(problem, before, known, new):
             found += [point for _, point in grid_starts(problem, before, centre, new)[: DESCENTS[effort]]]
-        ends = []
-        for point in found:
-            if np.isfinite(problem.cost(point)):
-                ends.append(problem.descend(point, EVALUATIONS[effort], TOLERANCES[effort]))
-        if not ends:
-            ends = [problem.descend(problem_point(problem, before, known), 2, TOLERANCES[effort])]
+        tried = [problem.descend(x, TRIED, TOLERANCES[effort]) for x in found if np.isfinite(problem.cost(x))]
+        if not tried:
+            tried = [problem.descend(problem_point(problem, before, known), 2, TOLERANCES[effort])]
+        ends = [
+            end
+            if end.status.converged
+            else problem.descend(end.x, EVALUATIONS[effort] - TRIED, TOLERANCES[effort])
+            for end in _different(sorted(tried, key=_cost))[: DESCENTS[effort]]
+        ]
         ends.sort(key=_cost)
         ends[0] = refined(problem, ends[0], EVALUATIONS[1], TOLERANCES[effort])
         return ends
@@ -445,6 +456,15 @@ def _cost(end: Minimum[Residual]) -> float:
 def _agree(ends: Sequence[Minimum[Residual]]) -> bool:
     """Tell whether the best end, first in the list, was found more than once."""
     return sum(_same(ends[0], end) for end in ends) > 1
+
+
+def _different(ends: Sequence[Minimum[Residual]]) -> list[Minimum[Residual]]:
+    """Leave out searches that have come to where a better one is already, or nearly so."""
+    kept: list[Minimum[Residual]] = []
+    for end in ends:
+        if all(not _same(other, end) for other in kept):
+            kept.append(end)
+    return kept
 
 
 def _same(best: Minimum[Residual], end: Minimum[Residual]) -> bool:

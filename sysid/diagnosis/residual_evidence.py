@@ -51,13 +51,22 @@ class Evidence:
         several = len(final.choices) > self.n_given + 1 and plain.size > 1
         if not several and (final.choices or again.p_value >= SEEN_P_VALUE):
             p_value = max(p_value, again.p_value)
+        share = self._share_left(baseline, final, rows, colour, found.explained)
+        if final.choices and colour.size > 1:
+            # A colour lifts what is faint in the free run: what is next to nothing there is not missing.
+            plainly = remainder(residual[rows], tangent[rows], probes[rows])
+            share = min(share, self._share_left(baseline, final, rows, WHITE, plainly.explained))
+        whole = filtered(residual, rows, colour)
+        noise_share = max(1.0 - found.explained / max(float(whole @ whole), 1e-300), 0.0)
+        return p_value, share, float(np.sqrt(np.mean(residual[rows] ** 2) * noise_share))
+
+    def _share_left(
+        self, baseline: StructureFit, final: StructureFit, rows: Mask, colour: Floats, left: float
+    ) -> float:
+        """Return what is left as a share of itself and of what the effects have explained."""
         before, after = (filtered(self._residual(fit), rows, colour) for fit in (baseline, final))
-        whole = float(after @ after)
-        gained = max(float(before @ before) - whole, 0.0)
-        floor = float(
-            np.sqrt(np.mean(residual[rows] ** 2) * max(1.0 - found.explained / max(whole, 1e-300), 0.0))
-        )
-        return p_value, found.explained / max(found.explained + gained, 1e-300), floor
+        gained = max(float(before @ before) - float(after @ after), 0.0)
+        return left / max(left + gained, 1e-300)
 
     def _noise_accepted(self, fit: StructureFit, noise: Noise) -> bool:
         """Tell whether the residual's memory is real: on held-out rows it must lower the innovations."""

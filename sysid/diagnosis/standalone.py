@@ -99,15 +99,11 @@ def source(model: "SavedModel") -> str:
         if effect.port in ("force", "gain"):
             sign = "-=" if effect.port == "force" else "*="
             ports["drive"].append(f"        acting {sign} {_law(effect.form(form).expression, values)}\n")
-        elif (name, form) in _MAPS:
-            ports[effect.port].append(f"    p = {numbers!r}\n    s = {_MAPS[name, form]}\n")
         else:
-            raise ModelError(
-                f"effect {name!r} is not one of the built-in ones: save the model as JSON instead"
-            )
+            ports[effect.port].append(f"    p = {numbers!r}\n    s = {map_source(name, form)}\n")
     adds = [part + "    y = y + s\n" for part in ports["parallel"]]
     maps = "".join([*ports["input"], *ports["parallel"], *ports["output"]])
-    functions = [text for name, text in _HELPERS.items() if f"{name}(" in maps]
+    functions = helpers_for(maps)
     return (
         '"""Simulation of an identified model; NumPy is all it needs."""\n\nimport numpy as np\n\n'
         f"T = {model.period!r}\nA = {list(model.a)!r}\nB = {list(model.b)!r}\n"
@@ -128,6 +124,18 @@ def source(model: "SavedModel") -> str:
         + "".join(ports["output"])
         + "    return s\n"
     )
+
+
+def map_source(name: str, form: str) -> str:
+    """Return what an effect makes of a sequence ``s``, with parameters ``p`` and sampling period ``T``."""
+    if (name, form) not in _MAPS:
+        raise ModelError(f"effect {name!r} is not one of the built-in ones: save the model as JSON instead")
+    return _MAPS[name, form]
+
+
+def helpers_for(maps: str) -> list[str]:
+    """Return the functions that a text of maps calls."""
+    return [text for name, text in _HELPERS.items() if f"{name}(" in maps]
 
 
 def _law(expression: str, values: dict[str, float]) -> str:

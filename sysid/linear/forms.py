@@ -86,8 +86,11 @@ def denominator(reflections: Floats) -> Floats:
 
 def kautz_numerators(reflections: Floats) -> Floats:
     """Return the numerators over A of the Kautz columns, shape (order, order)."""
-    order = reflections.size
-    a1, a2 = section_coefficients(reflections)
+    return section_numerators(*section_coefficients(reflections), reflections.size)
+
+
+def section_numerators(a1: Floats, a2: Floats, order: int) -> Floats:
+    """Return the numerators over A of the Kautz columns of sections, shape (order, order)."""
     sections = [
         np.array([1.0, f, s][: 2 + (2 * j + 1 < order)]) for j, (f, s) in enumerate(zip(a1, a2, strict=True))
     ]

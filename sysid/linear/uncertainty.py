@@ -69,7 +69,7 @@ def parameter_uncertainty(
         if structure.free_start:
             rows = _without(jacobian[: structure.order], rows)
         bread = fold(bread, rows.copy())
-        meat = fold(meat, _backwards(rows, noise))
+        meat = fold(meat, backwards(rows, noise))
     assert bread is not None
     assert meat is not None
     scale = np.linalg.norm(bread, axis=0)
@@ -153,6 +153,6 @@ def _all_pole(signal: Floats, a: Floats) -> Floats:
     return out
 
 
-def _backwards(rows: Floats, noise: Floats) -> Floats:
+def backwards(rows: Floats, noise: Floats) -> Floats:
     """Filter each row by 1/D in reversed time."""
     return np.vstack([_all_pole(np.ascontiguousarray(row[::-1]), noise)[::-1] for row in rows])

@@ -1,6 +1,6 @@
 r"""Spline maps: a static nonlinearity of no assumed form, linear in its coefficients.
 
-Pepona (2011), eq. (4.10c), writes a map of degree m with knots :math:`\kappa_1 < \dots < \kappa_s` as
+Pepona (2009), eq. (4.10c), writes a map of degree m with knots :math:`\kappa_1 < \dots < \kappa_s` as
 :math:`w = \sum_j \lambda_j |z - \kappa_j|^m + \lambda_{s+1} z + \lambda_0`.  For m = 3 this is the space
 of all cubic splines with these knots between the first and the last one, and B-splines span it with
 a far better condition.  For other m it is not: an even power has no break at its knot, m = 1
@@ -163,7 +163,7 @@ def spline_basis(
 
 
 def absolute_power_basis(z: ArrayLike, knots: ArrayLike, *, degree: int = 3) -> Floats:
-    r"""Return :math:`|z - \kappa_1|^m, \dots, |z - \kappa_s|^m, z, 1`, eq. (4.16) of Pepona (2011).
+    r"""Return :math:`|z - \kappa_1|^m, \dots, |z - \kappa_s|^m, z, 1`, eq. (4.16) of Pepona (2009).
 
     Parameters
     ----------

@@ -1,14 +1,26 @@
-"""Runs of any physical model for diagnosis: effects at its input and output, none inside."""
+"""Runs of any physical model for diagnosis: effects at its input and output, and smooth forces inside."""
 
-from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from threading import Lock
 
 import numpy as np
 
 from sysid.errors import ModelError
 from sysid.linear.forms import Floats
-from sysid.physics.model import Model
-from sysid.physics.ports import Port
+from sysid.physics.expressions import Symbol
+from sysid.physics.forced import LAW_NAMES, NO_LAW
+from sysid.physics.model import Model, Output, Parameter, Term
+from sysid.physics.ports import Port, find_port
 from sysid.physics.simulation import Simulator, choose_substeps
+
+# Forces that are smooth in position x and speed v, by the coefficients of a law that they take.
+SMOOTH_FORCES = {
+    "drag": "-law_drag*{v}*abs({v})",
+    "cubic": "-law_cubic*{x}**3",
+    "gravity": "-law_gravity*sin(law_wave_number*{x})",
+    "constant": "law_constant",
+}
 
 
 class GeneralPlant:
@@ -20,6 +32,11 @@ class GeneralPlant:
         With one output.
     period : float
         Sampling period [s]; the input is held between samples.
+
+    Attributes
+    ----------
+    port : Port
+        Where forces enter; nowhere in a linear model with many states or a delay, whose run is exact.
 
     Examples
     --------
@@ -35,7 +52,6 @@ class GeneralPlant:
     hold = "zero"
     same = False
     always_steps = True
-    port = Port()
 
     def __init__(self, model: Model, period: float) -> None:
         if len(model.outputs) != 1:
@@ -44,6 +60,26 @@ class GeneralPlant:
         self.names = tuple(parameter.name for parameter in model.parameters)
         self.order, self.n_inputs = len(model.states), len(model.inputs)
         self._simulator = Simulator(model, period)
+        self._one_at_a_time = Lock()
+        found = Port() if self._simulator.linear else find_port(model)
+        self.port = Port() if found.velocity is None else replace(found, levels=())
+
+    @cached_property
+    def _forced(self) -> Simulator:
+        """Simulator of the model with smooth forces, and of its states beside the output."""
+        velocity, position = self.port.velocity, self.port.position
+        model = self.model
+        if velocity is not None and position is not None:
+            names = {"v": model.states[velocity].name, "x": model.states[position].name}
+            for name, expression in SMOOTH_FORCES.items():
+                own = [name, "wave_number"] if name == "gravity" else [name]
+                parameters = tuple(Parameter(f"law_{coefficient}", "", 0.0) for coefficient in own)
+                model = model.with_term(names["v"], name, expression.format(**names), parameters)
+        inside = tuple(
+            Output(f"state_{state.name}", state.unit, (Term(state.name, Symbol(state.name)),))
+            for state in model.states
+        )
+        return Simulator(replace(model, outputs=(*model.outputs, *inside)), self.period, searched=())
 
     def substeps(self, values: Floats, largest: float) -> int:
         """Return the Runge-Kutta steps in a sample, as the model chooses them itself."""
@@ -63,27 +99,40 @@ class GeneralPlant:
         states: Floats | None = None,
         exact: bool | None = None,
     ) -> Floats:
-        """Simulate several runs; laws are left out, and of the states only their size is told."""
+        """Simulate several runs; of the laws the smooth forces count."""
         lanes = values.shape[0]
         signal = u[np.newaxis, :, np.newaxis] if u.ndim == 1 else (u[np.newaxis] if u.ndim == 2 else u)
-        self._simulator.substeps = substeps
-        runs = [
-            self._run(values[lane], signal[lane if signal.shape[0] > 1 else 0], starts, lane)
-            for lane in range(lanes)
-        ]
-        if states is not None:
-            states[:] = np.array(runs)[:, :, np.newaxis]
-        return np.array(runs)
-
-    def _run(self, values: Floats, u: Floats, starts: Floats | None, lane: int) -> Floats:
-        named: Sequence[tuple[str, float]] = list(zip(self.names, values.tolist(), strict=True))
-        start = None if starts is None else starts[lane]
-        with np.errstate(all="ignore"):
-            return np.asarray(self._simulator.run(dict(named), u, start)[:, 0])
+        pushed = exact is False and self.port.velocity is not None
+        simulator = self._forced if pushed or states is not None else self._simulator
+        runs = np.empty((lanes, signal.shape[1]))
+        with self._one_at_a_time:  # the simulator holds the number of its steps
+            simulator.substeps = substeps
+            for lane in range(lanes):
+                named = dict(zip(self.names, values[lane].tolist(), strict=True))
+                if simulator is not self._simulator and self.port.velocity is not None:
+                    law = laws[lane] if pushed else NO_LAW
+                    named |= {f"law_{name}": float(law[LAW_NAMES.index(name)]) for name in _COEFFICIENTS}
+                start = None if starts is None else starts[lane]
+                with np.errstate(all="ignore"):
+                    found = simulator.run(named, signal[lane if signal.shape[0] > 1 else 0], start)
+                runs[lane] = found[:, 0]
+                if states is not None:
+                    states[lane] = found[:, 1:]
+        return runs
 
     def respond(self, values: Floats, force: Floats) -> Floats:
-        """Return zeros: the model has no port for a force."""
-        return np.zeros(force.size)
+        """Return how a constant force as large as this one changes the output: its size is what counts."""
+        if self.port.velocity is None:
+            return np.zeros(force.size)
+        laws = np.tile(NO_LAW, (2, 1))
+        laws[1, LAW_NAMES.index("constant")] = float(np.sqrt(np.mean(force**2)))
+        still = np.zeros((force.size, self.n_inputs))
+        many = np.tile(values, (2, 1))
+        runs = self.run(many, laws, still, None, self.substeps(many[:1], 1.0), exact=False)
+        return np.asarray(runs[1] - runs[0])
+
+
+_COEFFICIENTS = (*SMOOTH_FORCES, "wave_number")
 
 
 def is_general(model: Model) -> bool:

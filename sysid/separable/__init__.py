@@ -22,6 +22,7 @@ from sysid.separable.lagged import (
 )
 from sysid.separable.search import search
 from sysid.separable.variable_projection import (
+    Derivative,
     Regression,
     fit,
     golub_pereyra_jacobian,
@@ -30,6 +31,7 @@ from sysid.separable.variable_projection import (
 
 __all__ = [
     "BlockedQR",
+    "Derivative",
     "LaggedRegression",
     "Minimum",
     "Point",

@@ -14,17 +14,27 @@ from sysid.separable.factor import Projection, finite, project, triangle
 Floats = NDArray[np.float64]
 
 
+class Derivative(Protocol):
+    """dPhi/deta as its two products, for regressors whose derivative need not be formed."""
+
+    def along(self, theta: Floats) -> Floats:
+        """Return (dPhi/deta_j) theta, shape (n_rows, n_eta)."""
+
+    def correlated(self, residual: Floats) -> Floats:
+        """Return (dPhi/deta_j)^T residual, shape (n_linear, n_eta)."""
+
+
 class Regression(Protocol):
     """Regressors that depend on a few nonlinear parameters."""
 
     def regressors(self, eta: Floats) -> Floats:
         """Return Phi(eta), shape (n_rows, n_linear)."""
 
-    def derivative(self, eta: Floats) -> Floats:
-        """Return dPhi/deta, shape (n_eta, n_rows, n_linear)."""
+    def derivative(self, eta: Floats) -> Floats | Derivative:
+        """Return dPhi/deta, shape (n_eta, n_rows, n_linear), or its products."""
 
 
-def kaufman_jacobian(projection: Projection, derivative: Floats) -> Floats:
+def kaufman_jacobian(projection: Projection, derivative: Floats | Derivative) -> Floats:
     r"""Jacobian of the projected residual in Kaufman's approximation.
 
     Keeps :math:`-(I - QQ^T)\,(\partial\Phi/\partial\eta_j)\,\theta`, the first of the two terms of
@@ -34,18 +44,18 @@ def kaufman_jacobian(projection: Projection, derivative: Floats) -> Floats:
     ----------
     projection : Projection
         Result of `project` at the same point.
-    derivative : ndarray, shape (n_eta, n_rows, n_linear)
+    derivative : ndarray, shape (n_eta, n_rows, n_linear), or Derivative
         Derivative of the regressors.
 
     Returns
     -------
     ndarray, shape (n_rows, n_eta)
     """
-    moved = (derivative @ projection.theta).T
+    moved = _along(derivative, projection.theta)
     return projection.q @ (projection.q.T @ moved) - moved
 
 
-def golub_pereyra_jacobian(projection: Projection, derivative: Floats) -> Floats:
+def golub_pereyra_jacobian(projection: Projection, derivative: Floats | Derivative) -> Floats:
     r"""Exact Jacobian of the projected residual (Golub and Pereyra 1973).
 
     Adds to Kaufman's term :math:`-Q R^{-T} (\partial\Phi/\partial\eta_j)^T r`.
@@ -54,16 +64,26 @@ def golub_pereyra_jacobian(projection: Projection, derivative: Floats) -> Floats
     ----------
     projection : Projection
         Result of `project` at the same point.
-    derivative : ndarray, shape (n_eta, n_rows, n_linear)
+    derivative : ndarray, shape (n_eta, n_rows, n_linear), or Derivative
         Derivative of the regressors.
 
     Returns
     -------
     ndarray, shape (n_rows, n_eta)
     """
-    correlated = np.einsum("jki,k->ij", derivative[:, :, projection.columns], projection.residual)
+    if isinstance(derivative, np.ndarray):
+        correlated = np.einsum("jki,k->ij", derivative[:, :, projection.columns], projection.residual)
+    else:
+        correlated = derivative.correlated(projection.residual)[projection.columns]
     turned = projection.q @ solve_triangular(projection.r, correlated, trans="T")
     return kaufman_jacobian(projection, derivative) - turned
+
+
+def _along(derivative: Floats | Derivative, theta: Floats) -> Floats:
+    """Return (dPhi/deta_j) theta, shape (n_rows, n_eta)."""
+    if isinstance(derivative, np.ndarray):
+        return (derivative @ theta).T
+    return derivative.along(theta)
 
 
 @dataclass(frozen=True)
@@ -151,5 +171,5 @@ def fit(
 
 def _jacobian_factor(regression: Regression, eta: Floats, projection: Projection) -> Floats:
     """R of the model's Jacobian in (eta, theta)."""
-    moved = (regression.derivative(eta) @ projection.theta).T
+    moved = _along(regression.derivative(eta), projection.theta)
     return triangle(np.column_stack([moved, regression.regressors(eta)]))

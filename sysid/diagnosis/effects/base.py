@@ -21,6 +21,7 @@ SCALES = (
     "input rise",
     "output quantile",
     "output deviation",
+    "output count",
     "speed deviation",
     "period",
     "rate",
@@ -38,9 +39,11 @@ class Grid:
     scale : str
         ``"input quantile"``, ``"output quantile"``: points are quantiles of the absolute value;
         ``"input deviation"``, ``"output deviation"``, ``"speed deviation"``: multiples of the standard
-        deviation (speed is the output's first difference); ``"input rise"``: quantiles of the input's
-        absolute change per second; ``"period"``: multiples of the sampling period; ``"rate"``: radians
-        per sampling period; ``"duration"``: share of the time that was measured; ``"plain"``: as given.
+        deviation (speed is the output's first difference); ``"output count"``: multiples of the output's
+        deviation, and the steps at whose multiples its values gather; ``"input rise"``: quantiles of the
+        input's absolute change per second; ``"period"``: multiples of the sampling period; ``"rate"``:
+        radians per sampling period; ``"duration"``: share of the time that was measured; ``"plain"``:
+        as given.
     points : tuple of float
         In rising order.
     """
@@ -64,6 +67,10 @@ class Grid:
             return np.asarray(np.quantile(np.abs(signal), points))
         if kind == "rise":
             return np.asarray(np.quantile(np.abs(np.diff(signal)), points) / period)
+        if kind == "count":
+            from sysid.diagnosis.effects.counts import counts
+
+            return np.sort(np.concatenate([points * (float(np.std(signal)) or 1.0), counts(signal)]))
         if kind == "deviation":
             moved = np.diff(signal) if self.scale.startswith("speed") else signal
             return points * (float(np.std(moved)) or 1.0)

@@ -105,7 +105,7 @@ EFFECTS = (
                         "step",
                         "[y]",
                         "one count",
-                        Grid("output deviation", tuple(float(v) for v in np.geomspace(0.1, 4.0, 48))),
+                        Grid("output count", tuple(float(v) for v in np.geomspace(0.1, 4.0, 48))),
                         minimum=0.0,
                     ),
                 ),

@@ -1,19 +1,21 @@
 """The picture of the missing map at each port, with its band and the data it rests on."""
 
-import warnings
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sysid.diagnosis.ports.curves import PortCurve
-from sysid.reporting.style import COLOURS, GREY, style, subplots, svg
+from sysid.reporting.style import COLOURS, GREY, subplots
 
 if TYPE_CHECKING:
     from sysid.diagnosis.figures import Picture
+    from sysid.diagnosis.models import CurveView, MapView
+    from sysid.linear.forms import Floats
 
 WIDE, NARROW = 7.2, 3.7
-PANEL_HEIGHT = 3.1
+PANEL_HEIGHT, MAP_HEIGHT = 3.1, 4.6
 # Where the density is below this share of its largest value, the curve is drawn as a guess.
 SPARSE = 0.02
 # The vertical axis reaches this many times beyond the curve where its data are dense.
@@ -51,7 +53,8 @@ def ports_figure(curves: Sequence[PortCurve], width: float = WIDE) -> tuple[Any,
     for number in range(rows * beside):
         top, bottom = grid[2 * (number // beside) : 2 * (number // beside) + 2, number % beside]
         if number < len(drawn):
-            _panel(top, bottom, drawn[number])
+            _panel(top, bottom, drawn[number], "missing map")
+            top.set_title(_heading(drawn[number]), loc="left")
         else:
             top.set_axis_off()
             bottom.set_axis_off()
@@ -66,25 +69,44 @@ def ports_picture(curves: Sequence[PortCurve]) -> "Picture":
     ----------
     curves : sequence of PortCurve
     """
-    from sysid.diagnosis.figures import Picture
+    from sysid.diagnosis.figures import drawn_picture
 
-    with style(), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing from font")  # a name in a rare script
-        wide, title, reading = ports_figure(curves, WIDE)
-        narrow, _, _ = ports_figure(curves, NARROW)
-        return Picture(title, reading, svg(wide), svg(narrow))
+    return drawn_picture(partial(ports_figure, curves))
 
 
-def _panel(top: Any, bottom: Any, curve: PortCurve) -> None:
+def map_figure(view: "MapView", width: float = WIDE) -> tuple[Any, str, str]:
+    """Draw a map of the model with its 95 % band, what it has beyond a line, and the density of data.
+
+    Parameters
+    ----------
+    view : MapView
+    width : float
+        Width of the figure [inch].
+    """
+    figure, (top, middle, bottom) = subplots(3, 1, width=width, height=MAP_HEIGHT, height_ratios=(4, 2, 1))
+    from sysid.diagnosis.figures import legend
+
+    _panel(top, bottom, view, "map of the model")
+    legend(top)
+    dense = view.density > SPARSE * view.density.max()
+    middle.axhline(0.0, color=GREY, linewidth=0.6)
+    middle.fill_between(view.value, view.bend_lower, view.bend_upper, color="#cfcfcf", linewidth=0)
+    middle.plot(view.value, view.bend, color=COLOURS[0], linewidth=1.4)
+    _limit(middle, view.bend_lower[dense], view.bend_upper[dense])
+    middle.set_xlim(view.value[0], view.value[-1])
+    middle.set_ylabel("less its line")
+    middle.tick_params(labelbottom=False)
+    return figure, view.heading, view.sentence
+
+
+def _panel(top: Any, bottom: Any, curve: "CurveView", label: str) -> None:
     dense = curve.density > SPARSE * curve.density.max()
     top.axhline(0.0, color=GREY, linewidth=0.6)
     top.fill_between(curve.value, curve.lower, curve.upper, color="#cfcfcf", linewidth=0, label="95 % band")
     known = np.where(dense, curve.centre, np.nan)
     top.plot(curve.value, curve.centre, color=COLOURS[0], linestyle=(0, (1.2, 1.4)), linewidth=1.0)
-    top.plot(curve.value, known, color=COLOURS[0], linewidth=1.6, label="missing map")
-    low, high = float(curve.lower[dense].min()), float(curve.upper[dense].max())
-    top.set_ylim(low - MARGIN * (high - low) - 1e-300, high + MARGIN * (high - low) + 1e-300)
-    top.set_title(_heading(curve), loc="left")
+    top.plot(curve.value, known, color=COLOURS[0], linewidth=1.6, label=label)
+    _limit(top, curve.lower[dense], curve.upper[dense])
     top.set_ylabel(_label(curve.result, curve.result_unit))
     top.tick_params(labelbottom=False)
     bottom.fill_between(
@@ -98,6 +120,12 @@ def _panel(top: Any, bottom: Any, curve: PortCurve) -> None:
     bottom.set_xlabel(_label(curve.quantity, curve.unit))
     for axes in (top, bottom):
         axes.set_xlim(curve.value[0], curve.value[-1])
+
+
+def _limit(axes: Any, lower: "Floats", upper: "Floats") -> None:
+    """Let the vertical axis reach a little beyond a band."""
+    low, high = float(lower.min()), float(upper.max())
+    axes.set_ylim(low - MARGIN * (high - low) - 1e-300, high + MARGIN * (high - low) + 1e-300)
 
 
 def _heading(curve: PortCurve) -> str:

@@ -1,0 +1,62 @@
+"""The step of a quantiser, read off the values that a measured signal takes."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+# Steps are looked for between these multiples of the deviation; finer ones hide in any noise.
+SMALLEST, LARGEST = 0.05, 4.0
+MOST_ROWS, MOST_STEPS = 1_000, 4_000
+# Points in the reciprocal of the step for a turn of the phase at the largest value.
+RESOLUTION = 8
+KEPT = 3
+# A sum of cosines of random phases has a deviation of the root of half their number.
+SIGNIFICANT = 5.0
+
+
+def counts(signal: Floats) -> Floats:
+    """Return the steps at whose multiples the values of a signal gather, the clearest first.
+
+    The values are taken for angles that turn once in a step: where they gather at its multiples the mean
+    of their cosines is large, by how much depends on the noise added after the quantiser.  The estimate
+    needs no model, and the grid of a search is too coarse for it: a step that is off by a few per cent
+    is off by half a count at large values.  A signal of few levels, or of an uneven distribution, may have
+    gaps like those between counts, so these are steps to be tried, no evidence of a quantiser.
+
+    Parameters
+    ----------
+    signal : ndarray, shape (n_samples,)
+
+    Returns
+    -------
+    ndarray, shape (n_found,)
+        At most three; none where no step stands out.
+
+    Examples
+    --------
+    >>> y = 0.3 * np.round(np.random.default_rng(0).standard_normal(900) / 0.3)
+    >>> y += 0.04 * np.random.default_rng(1).standard_normal(900)
+    >>> bool(np.abs(counts(y) - 0.3).min() < 0.002)
+    True
+    >>> counts(np.random.default_rng(2).standard_normal(900)).size
+    0
+
+    References
+    ----------
+    Widrow & Kollár (2008), Quantization Noise, chapter 4: the characteristic function of quantised values.
+    """
+    y = signal[:: max(signal.size // MOST_ROWS, 1)]
+    deviation, largest = float(np.std(y)), float(np.abs(y).max(initial=0.0))
+    if not deviation > 0.0 or not np.isfinite(largest):
+        return np.empty(0)
+    spacing = 1.0 / (RESOLUTION * largest)
+    first, last = 1.0 / (LARGEST * deviation), 1.0 / (SMALLEST * deviation)
+    reciprocals = first + spacing * np.arange(min(int((last - first) / spacing) + 2, MOST_STEPS))
+    gathered = np.cos(2.0 * np.pi * np.outer(reciprocals, y)).mean(axis=1)
+    before, here, after = gathered[:-2], gathered[1:-1], gathered[2:]
+    peaks = np.flatnonzero((here > before) & (here >= after) & (here > SIGNIFICANT / np.sqrt(2.0 * y.size)))
+    peaks = peaks[np.argsort(-here[peaks], kind="stable")][:KEPT]
+    bend = before[peaks] - 2.0 * here[peaks] + after[peaks]
+    shift = np.where(bend < 0.0, 0.5 * (before[peaks] - after[peaks]) / np.where(bend < 0.0, bend, -1.0), 0.0)
+    return np.asarray(1.0 / (reciprocals[1 + peaks] + spacing * shift))

@@ -1,0 +1,132 @@
+"""Physical models with effects, saved and taken elsewhere: every copy simulates alike."""
+
+import numpy as np
+import pytest
+
+from sysid.data import make_record
+from sysid.diagnosis.diagnose import DiagnosedModel, structure_of
+from sysid.diagnosis.effects import find_effects
+from sysid.diagnosis.export import load, save, saved_model
+from sysid.diagnosis.export_physics import SavedPhysicalModel
+from sysid.diagnosis.structures import Choice
+from sysid.errors import DataError, ModelError
+from sysid.physics import load_model
+from sysid.physics.reading import model_names, read_model
+from sysid.physics.writing import model_text
+
+CASES = {
+    "mass-spring-damper": [("coulomb", "coulomb", [0.3]), ("in_deadzone", "symmetric", [0.2])],
+    "dc-motor": [("in_relay", "symmetric", [0.4, 1.5]), ("op_gain", "", [0.3, 0.5])],
+    "two-tanks": [("sqrt_outflow", "", []), ("overflow", "cascade", [3.0, 2.0, 0.4])],
+    "positioning-stage": [("hysteresis_force", "", [4.0, 0.5]), ("out_lowpass", "", [0.15])],
+    "two-mass": [("extra_mode", "", [2.0, 0.1, 0.2, -0.1]), ("out_offset", "", [0.3])],
+}
+
+
+def by_hand(name, effects=None):
+    found = []
+    for effect, form, values in CASES[name] if effects is None else effects:
+        (known,) = find_effects([effect])
+        form = known.form(form) if form in [f.name for f in known.forms] else known.forms[0]
+        names = [p.name for p in form.parameters]
+        names += ["level"] if len(values) > len(names) else []
+        found.append((effect, form.name, dict(zip(names, values, strict=True))))
+    return SavedPhysicalModel(model_text(load_model(name)), 0.1, "zero", 2, tuple(found))
+
+
+def a_signal(name, n=150):
+    u = np.repeat(np.random.default_rng(5).uniform(-2, 2, n // 10), 10)
+    return np.abs(u) if name == "two-tanks" else u
+
+
+@pytest.mark.parametrize("name", sorted(model_names()))
+def test_the_text_of_a_model_reads_as_the_model(name):
+    model = load_model(name)
+    assert read_model(model_text(model), "text") == model
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_saved_model_simulates_alike_everywhere(tmp_path, name):
+    saved, u = by_hand(name), a_signal(name)
+    expected = saved.simulate(u)
+    assert np.std(expected) > 0.0
+    for ending in ("json", "toml"):
+        file = tmp_path / f"model.{ending}"
+        save_text(saved, file)
+        assert load(file) == saved
+    names: dict[str, object] = {}
+    exec(saved.to_python(), names)
+    # The same operations, compiled and not: only how sums are contracted differs.
+    assert np.allclose(names["simulate"](u), expected, rtol=1e-9, atol=1e-10)
+
+
+def save_text(saved, file):
+    """Write what `save` writes of a model that was fitted."""
+    from sysid.diagnosis import export
+
+    kinds = {".json": export._json_text, ".toml": export._toml_text}
+    file.write_text(kinds[file.suffix](saved), encoding="utf-8")
+
+
+def test_a_fitted_model_is_saved_as_it_simulates(tmp_path):
+    u = a_signal("", 300)
+    y = by_hand("mass-spring-damper", [("coulomb", "coulomb", [0.3])]).simulate(u)
+    y += 0.01 * np.random.default_rng(1).standard_normal(y.size)
+    record = make_record(u, y, period=0.1)
+    structure = structure_of(record, "mass-spring-damper", None, "rest", {"m": 1.2, "c": 1.1, "k": 0.9})
+    rows = record.learning
+    (effect,) = find_effects(["coulomb"])
+    baseline = structure.baseline(rows)
+    fit = structure.fit([Choice(effect, effect.forms[0])], rows, np.ones(1), baseline, effort=1)
+    model = DiagnosedModel(structure, fit)
+    file = tmp_path / "model.toml"
+    save(model, file)
+    assert load(file) == saved_model(model)
+    # The file holds every digit, and the run has the same steps.
+    assert np.allclose(load(file).simulate(u), model.output, rtol=1e-12, atol=1e-14)
+    save(model, tmp_path / "model.py")
+    assert "def simulate(u):" in (tmp_path / "model.py").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("name", "effects"),
+    [
+        ("mass-spring-damper", [("coulomb", "coulomb", [0.3]), ("out_quadratic", "", [0.1])]),
+        ("two-tanks", [("sqrt_outflow", "", []), ("overflow", "limit", [1.5])]),
+        ("positioning-stage", [("hysteresis_force", "", [4.0, 0.5]), ("cubic_stiffness", "", [0.5])]),
+    ],
+)
+def test_a_saved_model_runs_in_python_control(name, effects):
+    import control
+
+    saved = by_hand(name, effects)
+    system = saved.to_control()
+    n = 80
+    times = 0.1 * np.arange(n)
+    found = control.input_output_response(
+        system, times, np.ones(n), np.zeros(system.nstates), solve_ivp_kwargs={"max_step": 0.02}
+    )
+    expected = saved.simulate(np.ones(n))
+    # The other solver steps over an event: friction that changes sides or a tank that runs over.
+    assert np.allclose(found.outputs, expected, atol=2e-3 * np.abs(expected).max())
+
+
+def test_what_cannot_be_taken_along_is_said():
+    saved = by_hand("two-mass")
+    with pytest.raises(ModelError, match="'extra_mode' has a memory"):
+        saved.to_control()
+    hard = load_model("oscillator").with_parameters(start={"cubic": 2.0})
+    bent = SavedPhysicalModel(model_text(hard), 0.1, "zero", 2, ())
+    with pytest.raises(ModelError, match="not linear in its states: save it as JSON"):
+        bent.to_python()
+    with pytest.raises(ModelError, match="not linear in its states: use"):
+        bent.to_control()
+    assert bent.simulate(np.ones(20)).shape == (20,)
+
+
+def test_a_file_with_another_model_in_it_is_refused(tmp_path):
+    file = tmp_path / "model.json"
+    save_text(by_hand("two-mass"), file)
+    file.write_text(file.read_text().replace("[states]", "[things]"))
+    with pytest.raises((DataError, ModelError), match="things"):
+        load(file)
