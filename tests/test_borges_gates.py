@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from replications.borges import checks, derivatives, errata, flops, setting, study
+from replications.borges import checks, derivatives, errata, flops, peer, report, setting, study
 from replications.borges.paper import paper as borges
 from replications.borges.paper import study_numbers
 from replications.errata import erratum_gates
@@ -202,3 +202,11 @@ def test_joint_problem_has_the_derivative_of_its_residual():
     assert np.isclose(np.linalg.norm(jacobian @ direction), np.linalg.norm(slope), rtol=1e-6)
     expected = slope @ point.residual()
     assert np.isclose(direction @ jacobian.T @ residual, expected, rtol=1e-5)
+
+
+def test_the_peer_is_a_ratio_or_a_reason(monkeypatch):
+    monkeypatch.setattr(peer, "find_spec", lambda name: None)
+    assert peer.times() == {peer.NAME: None}
+    for ratio, sentence in ((None, f"{peer.MISSING}."), (20.0, "takes 20 times as long as ours")):
+        results = {"papers": {"borges": {"timings": {peer.NAME: ratio}}}}
+        assert sentence in report.peer_sentence(results).replace("20.0", "20")

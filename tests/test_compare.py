@@ -379,7 +379,7 @@ def test_command_writes_page_and_json_and_answers(tmp_path, monkeypatch, capsys)
         (["--period", "0.1", "--json", "p", "--html", "./p"], "p is named for two results"),
         (["--period", "0.1", "--json", "pump.csv/p.json"], "pump.csv is a file): choose another place"),
         (["--period", "0.1", "--html", "p" * 300], "(File name too long): choose another place"),
-        (["--period", "0.1", "--output", "y", "--output", "u"], "--output is given 2 times (y, u)"),
+        (["--period", "0.1", "--output", "y", "--output", "y"], "--output is given 'y' twice"),
     ],
 )
 def test_bad_use_ends_in_one_sentence(tmp_path, monkeypatch, capsys, options, message):

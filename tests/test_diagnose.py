@@ -109,6 +109,39 @@ def test_candidates_fitted_side_by_side_give_the_same_answer():
         sysid.diagnose(record_of("quad_drag"), jobs=0)
 
 
+def test_a_change_after_the_rows_of_the_fit_is_said():
+    u, y, split = make_case("")
+    y[split == "test"] *= np.linspace(1.0, 1.5, 300)
+    found = sysid.diagnose(
+        make_record(u, y, period=1.0, split=split),
+        "linear",
+        2,
+        initial_state="rest",
+        effects=["in_saturation"],
+    )
+    (said,) = [sentence for sentence in found.sentences() if "grows along test" in sentence]
+    assert "first third" in said
+    assert not any(
+        "grows along" in sentence for sentence in diagnosed("", effects=["out_offset"]).sentences()
+    )
+
+
+def test_a_constant_force_of_the_model_itself_is_said():
+    u = np.repeat(np.random.default_rng(3).uniform(-1.0, 1.0, 60), 5)
+    speed, position, y = 0.0, 0.0, []
+    for value in u:  # exact for a held input: M = 1, F_v = 0.5, a constant force of 0.2
+        y.append(position)
+        steady = (value - 0.2) / 0.5
+        decayed = (speed - steady) * np.exp(-0.05)
+        position += 0.1 * steady + (speed - steady - decayed) / 0.5
+        speed = steady + decayed
+    record = make_record(u, np.array(y) + 1e-3 * np.random.default_rng(4).standard_normal(u.size), period=0.1)
+    found = sysid.diagnose(
+        record, "positioning-stage", initial_state="rest", effects=["constant_force", "in_saturation"]
+    )
+    assert any("constant_force: already in the model, offset = 0.2" in s for s in found.sentences())
+
+
 def test_effects_are_added_by_hand_and_offered_only_where_they_make_sense():
     found = diagnosed("in_saturation", effects=["out_offset"])
     model = found.add("in_saturation").fit()

@@ -212,6 +212,31 @@ def test_structure_is_chosen_on_validation_rows_alone() -> None:
     np.testing.assert_array_equal(other.fit.a, found.fit.a)
 
 
+def test_one_input_of_two_goes_through_the_map() -> None:
+    rng = np.random.default_rng(0)
+    u, y = rng.uniform(-2.0, 2.0, (600, 2)), np.zeros(600)
+    for k in range(1, 600):
+        y[k] = 0.6 * y[k - 1] + np.tanh(u[k - 1, 0]) + 0.5 * u[k - 1, 1] + 0.05 * rng.standard_normal()
+    record = make_record(u, y, period=1.0, inputs=("valve", "load"))
+    found = choose_lft(record, {"knots": 6}, criterion="one-step")
+    assert found.fit.structure.z_lags == (("valve", 1),)
+    assert found.fit.structure.b_lags == (("load", 1),)
+    assert abs(found.fit.b[0] - 0.5) < 4.0 * found.fit.parameters()["b1"][1]
+
+
+def test_a_map_that_is_not_determined_is_told() -> None:
+    rng = np.random.default_rng(0)
+    u = rng.uniform(-1.0, 1.0, 300)
+    y = np.r_[0.0, u[:-1]] + 0.1 * rng.standard_normal(300)  # nothing is bent: b1, b2 or the map may do it
+    given = {"n_a": 0, "b_lags": (("u", 1), ("u", 2)), "z_lags": (("u", 1),), "n_g": 1, "overlap": "keep"}
+    model = fit_lft_structure(make_record(u, y, period=1.0), given | {"criterion": "one-step", "knots": 4})
+    assert model.notes[0].startswith("The map ")
+    loose = fit_lft_structure(
+        make_record(u, y, period=1.0), given | {"n_g": 2, "criterion": "one-step", "knots": 4}
+    )
+    assert any("do not determine the map" in warning for warning in loose.warnings)
+
+
 def test_delay_is_found() -> None:
     u = np.random.default_rng(0).standard_normal(400)
     y = np.convolve(u, [0.0, 0.0, 0.0, 0.0, 1.0, 0.5])[:400]

@@ -398,3 +398,20 @@ def test_free_run_that_diverges_is_an_error_with_its_row() -> None:
     y[0] = math.nan
     with pytest.raises(DataError, match="row 1 has none"):
         fit.simulate((u, y))
+
+
+def test_linearised_model_is_the_one_of_small_deviations() -> None:
+    structure = STRUCTURES["both in the map"]
+    fit = fit_lft(simulated("both in the map", 400), structure)
+    n, h = 60, 1e-5
+    rest = np.zeros((n, 1)), np.zeros(n)
+    steady = fit.simulate((np.zeros(4000), np.zeros(4000)))[-n:]
+    point = fit.d[1] * steady[-1]
+    kicked = steady.copy()
+    kicked[:3] += h * np.array([0.3, -0.2, 1.0])
+    deviation = (fit.simulate((rest[0], kicked)) - fit.simulate((rest[0], steady))) / h
+    a = fit.linearised(point)
+    left = np.convolve(deviation, a)[structure.largest_lag + 3 : n]
+    # The map's curvature bends what h moves by a share of h.
+    np.testing.assert_allclose(left, 0.0, atol=1e-3)
+    np.testing.assert_array_equal(replace(fit, d=np.array([1.0, 0.0])).linearised(0.0), fit.a)

@@ -169,6 +169,16 @@ def test_the_bound_holds_for_every_output():
     np.testing.assert_array_equal(fit.outliers, off > 0.12)
 
 
+def test_polishing_helps_where_noise_hides_the_border():
+    errors = []
+    for seed in range(20):
+        z, w, truth = EXAMPLES["5.2"](seeded(seed), 300, noise=0.6)
+        fits = [bounded_error(z, w, 0.7, rng=seeded(seed), polish=polish) for polish in (False, True)]
+        errors.append([label_error(fit.labels, truth) for fit in fits])
+    plain, polished = np.mean(errors, axis=0)
+    assert polished < 0.5 * plain
+
+
 def test_bad_settings_are_said_in_one_sentence():
     z, w, _ = EXAMPLES["5.1"](seeded(), 40)
     for delta in (0.0, -1.0, np.nan):

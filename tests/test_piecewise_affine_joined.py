@@ -25,17 +25,17 @@ def kink_in_the_plane(rng, n=400, noise=0.2):
     return z, clean + noise * rng.standard_normal(n), clean
 
 
-@pytest.mark.parametrize("stage", [BoundedError(0.3), KPlane(2), GlobalSearch(2)])
+@pytest.mark.parametrize("stage", [BoundedError(0.3), GlobalSearch(2)])
 def test_a_kink_is_found_where_a_free_border_strays(stage):
     free, met, good = [], [], 0
-    for seed in range(100):
+    for seed in range(60):
         z, w, truth = EXAMPLES["5.1"](seeded(seed))
         fit = stage(z, w, seeded(seed))
         better = joined(fit, z, w)
         free.append(abs(fit.map.tau[0]) if fit.modes == 2 else np.nan)
         met.append(abs(better.map.tau[0]) if better.modes == 2 else np.nan)
         good += better.modes == 2 and label_error(better.labels, truth) < 0.05
-    assert good >= 97
+    assert good >= 58
     assert np.nanmean(met) < 0.6 * np.nanmean(free)
 
 
@@ -71,10 +71,12 @@ def test_a_kink_in_the_plane_comes_nearer_to_the_truth():
 
 
 @pytest.mark.parametrize("example", ["5.2", "5.3"])
-def test_a_jump_stays_a_jump(example):
-    z, w, _ = EXAMPLES[example](seeded(), 300)
-    fit = global_search(z, w, 2)
-    assert joined(fit, z, w) is fit
+@pytest.mark.parametrize("noise", [0.2, 1.0])  # four times that of the paper's examples
+def test_a_jump_stays_a_jump(example, noise):
+    for seed in range(5):
+        z, w, _ = EXAMPLES[example](seeded(seed), 400, noise)
+        fit = global_search(z, w, 2)
+        assert joined(fit, z, w) is fit
 
 
 def test_each_border_decides_for_itself():

@@ -2,6 +2,7 @@
 
 import itertools
 import pickle
+import sys
 
 import numpy as np
 import pytest
@@ -112,9 +113,34 @@ def test_branch_and_bound_ends_where_turning_lines_about_all_points_does(kind, s
     turned = best_line(points.z, points.w, np.arange(points.n), 5)
     found = best_line_of_all(points.z, points.w, 5)
     assert found[0] == pytest.approx(turned[0], rel=1e-9)
+    assert found[2] == found[0]
     for cost, h, _ in (turned, found):  # the line does part the points so
         labels = (points.z @ h[:2] + h[2] > 0).astype(int)
         assert squares(points.z, points.w, labels, 2) == pytest.approx(cost, rel=1e-9)
+
+
+def test_a_search_cut_short_says_what_it_did_not_rule_out():
+    points = points_in_the_plane("noise", seeded(4))
+    whole = best_line_of_all(points.z, points.w, 5)[0]
+    gaps = []
+    for work in (3e4, 1e5):
+        cost, _, below = best_line_of_all(points.z, points.w, 5, work)
+        assert below <= whole <= cost
+        gaps.append(cost - below)
+    assert gaps[0] > gaps[1]
+
+
+def test_noise_alone_gets_an_answer_that_is_not_called_exact(monkeypatch):
+    module = sys.modules["sysid.nonlinearities.piecewise_affine.global_search"]
+
+    monkeypatch.setattr(
+        module, "best_line_of_all", lambda z, w, least: best_line_of_all(z, w, least, most_work=1e4)
+    )
+    z, w = seeded().standard_normal((150, 2)), seeded(1).standard_normal(150)
+    fit = module.global_search(z, w, 2)
+    assert not fit.exact
+    assert "little but noise" in fit.status
+    assert fit.cost <= 1.1 * best_line(z, w[:, None], np.arange(150), 4)[0]
 
 
 def test_beyond_the_limit_a_sample_of_lines_is_enough_where_modes_differ():
@@ -150,7 +176,7 @@ def test_without_noise_the_map_is_recovered(stage, example):
 
 @pytest.mark.parametrize("stage", STAGES)
 @pytest.mark.parametrize(
-    ("example", "n", "least"), [("5.1", 100, 0.75), ("5.2", 300, 0.99), ("5.3", 300, 0.99)]
+    ("example", "n", "least"), [("5.1", 100, 0.75), ("5.2", 200, 0.99), ("5.3", 200, 0.99)]
 )
 def test_under_noise_few_points_are_misplaced(stage, example, n, least):
     """The share of successes over 100 runs; 5.1 has a kink, near which no label can be told."""

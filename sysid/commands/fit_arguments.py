@@ -20,7 +20,10 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     for option in structure_options():
         group.add_argument(
-            option.flag, dest=destination(option.flag), metavar=option.metavar, help=option.help
+            option.flag,
+            dest=destination(option.flag),
+            metavar=option.metavar,
+            help=option.help + _owners(option),
         )
     group = parser.add_argument_group("results")
     group.add_argument(
@@ -39,6 +42,12 @@ def add(parser: argparse.ArgumentParser) -> None:
 def structure_options() -> tuple[Option, ...]:
     """Return the options of all structures, each flag once."""
     return tuple({option.flag: option for s in STRUCTURES for option in s.options}.values())
+
+
+def _owners(option: Option) -> str:
+    """Say which structures an option belongs to, unless it is all of them."""
+    owners = [s.name for s in STRUCTURES if option.flag in [own.flag for own in s.options]]
+    return "" if len(owners) == len(STRUCTURES) else f" [{', '.join(owners)}]"
 
 
 def destination(flag: str) -> str:

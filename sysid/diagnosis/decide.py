@@ -1,27 +1,23 @@
 """The decision: which effects a model lacks, on evidence that all must agree."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
 from sysid.diagnosis.decision import Decision, Trial
 from sysid.diagnosis.effects.base import Effect, Floats
-from sysid.diagnosis.evidence import ScoreScreen, block_separation, score_screen
+from sysid.diagnosis.evidence import block_separation
 from sysid.diagnosis.noise_colour import Noise
 from sysid.diagnosis.ranking import with_every_candidate
-from sysid.diagnosis.residual_evidence import WHITE, Evidence
-from sysid.diagnosis.structures import Choice, Structure, StructureFit, filtered
+from sysid.diagnosis.residual_evidence import WHITE
+from sysid.diagnosis.structures import Structure, StructureFit, filtered
+from sysid.diagnosis.trials import POLISHED, Trials, usable
 from sysid.progress import Progress
 
 NOISE_EFFECT = "coloured_noise"
-# How many candidates are fitted at all, in all their forms, and with the finest search.
-SCREENED, REFINED, POLISHED = 12, 6, 3
 # How many are tried in the place of one that was accepted before.
 EXCHANGED = 6
-# How many are fitted beside effects that were accepted before, in all forms, and finest.
-FURTHER, REFINED_BESIDE, POLISHED_BESIDE = 8, 4, 2
 # How often a fit and the colour of its residual are brought to agree.
 SETTLINGS = 2
 # How many runners-up are tried before a record counts as unexplained, and how many beside each.
@@ -38,11 +34,8 @@ LEFT_SHARE, SUSPECT_SHARE = 0.01, 0.004
 # Effects stay accepted beside something unexplained if they leave at most this share of the explainable.
 LEAST_EXPLAINED = 0.9
 
-Item = TypeVar("Item")
-Result = TypeVar("Result")
 
-
-class Search(Evidence):
+class Search(Trials):
     """The search for missing effects in one record.
 
     Parameters
@@ -74,15 +67,9 @@ class Search(Evidence):
         jobs: int = 1,
         bars: Progress | None = None,
     ) -> None:
-        self.jobs, self.bars = jobs, Progress() if bars is None else bars
-        self.given = structure.offered(given)
-        super().__init__(structure, alpha, len(self.given))
-        self.max_effects, self.seed = max_effects, seed
+        super().__init__(structure, effects, alpha=alpha, seed=seed, given=given, jobs=jobs, bars=bars)
+        self.max_effects = max_effects
         self.names = [effect.name for effect in effects]
-        given_names = [effect.name for effect in self.given]
-        self.candidates = [
-            e for e in structure.offered(effects) if e.port != "noise" and e.name not in given_names
-        ]
 
     def decide(self) -> Decision:
         """Name what is missing."""
@@ -102,7 +89,7 @@ class Search(Evidence):
             assert settled.fit is not None
             noise = self._noise(settled.fit)
             fit = self.structure.fit(settled.fit.choices, self.rows, noise.polynomial, settled.fit, effort=0)
-            if not _usable(fit):
+            if not usable(fit):
                 break
             settled = replace(settled, fit=fit, noise=noise)
         return settled
@@ -224,126 +211,6 @@ class Search(Evidence):
                 fits.append(trial.fit)
         return fits
 
-    def _round(self, current: StructureFit, further: bool, most: int = FURTHER) -> tuple[Trial, ...]:
-        """Try every candidate beside the effects of a fit; return them best first."""
-        candidates = [e for e in self.candidates if e.name not in current.names]
-        if not candidates:
-            return ()
-        colour = self._colour(current)
-        # Scores are those of the best fit only under the colour by which they are weighted.
-        screen = self._screen(self._refitted(current, colour), candidates, colour)
-        if further and screen.p_value(max(screen.statistics.values())) >= self.alpha:
-            return ()  # the residual holds no structure any more
-        ranking = sorted(candidates, key=lambda e: -screen.statistics[e.name])
-        # A family whose fits are cheap may ask for more of them than the screen would let through.
-        count: int = getattr(self.structure, "screened", SCREENED)
-        count = min(count, most) if further else count
-        trials = self._trials(current, ranking[:count], colour)
-        left = [Trial(e.name, None, Noise(WHITE, 0.0, 0.0), np.inf, -np.inf) for e in ranking[count:]]
-        return self._judged(current, [*trials, *left], screen, colour)
-
-    def _trials(self, current: StructureFit, candidates: Sequence[Effect], noise: Noise) -> list[Trial]:
-        """Fit the candidates, the better ones with more care; return them best first."""
-        first = len(current.choices) == len(self.given)
-        refined, polished = (REFINED, POLISHED) if first else (REFINED_BESIDE, POLISHED_BESIDE)
-
-        def simply(effect: Effect) -> Trial:
-            # Half-wave and full-wave are different effects; a two-sided form is a refinement.
-            size = len(effect.forms[0].parameters)
-            simple = [form for form in effect.forms if len(form.parameters) <= size]
-            return self._fitted(current, effect, simple, noise, 1)
-
-        beside = f" beside {' and '.join(current.names)}" if current.choices else ""
-        tried = self._each(f"candidates{beside}", simply, candidates)
-        found = {trial.name: trial for trial in tried}
-        for effort, count in ((1, refined), (2, polished)):
-            leaders = sorted(found.values(), key=lambda t: t.criterion)[:count]
-
-            def carefully(trial: Trial, effort: int = effort) -> Trial:
-                effect = next(e for e in candidates if e.name == trial.name)
-                forms = effect.forms[1:] if effort == 1 else effect.forms
-                return self._fitted(current, effect, forms, noise, effort)
-
-            for trial in self._each(f"leaders{beside}", carefully, leaders):
-                if trial.criterion < found[trial.name].criterion:
-                    found[trial.name] = trial
-        base = self._criterion(self._refitted(current, noise), noise)
-        trials = [replace(t, gain=base - t.criterion) for t in found.values()]
-        return sorted(trials, key=lambda t: t.criterion)
-
-    def _each(self, what: str, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-        """Apply a function to each item, several at a time if so many jobs may run, results in order."""
-        work = list(items)
-        with self.bars.task(what, len(work)) as bar:
-
-            def counted(item: Item) -> Result:
-                result = function(item)
-                bar.advance()
-                return result
-
-            if self.jobs == 1 or len(work) < 2:
-                return [counted(item) for item in work]
-            from joblib import Parallel, delayed
-
-            # The simulations run without the interpreter's lock, so threads do, and nothing is copied.
-            return list(Parallel(n_jobs=self.jobs, prefer="threads")(delayed(counted)(item) for item in work))
-
-    def _fitted(
-        self, current: StructureFit, effect: Effect, forms: Sequence[object], noise: Noise, effort: int
-    ) -> Trial:
-        """Fit an effect in some of its forms; return the best."""
-        best = Trial(effect.name, None, Noise(WHITE, 0.0, 0.0), np.inf)
-        for form in effect.forms:
-            if form not in forms:
-                continue
-            choices = (*current.choices, Choice(effect, form))
-            fit = self.structure.fit(choices, self.rows, noise.polynomial, current, effort=effort)
-            if not _usable(fit):
-                continue
-            criterion = self._criterion(fit, noise)
-            if criterion < best.criterion:
-                best = Trial(effect.name, fit, noise, criterion)
-        return best
-
-    def _judged(
-        self, current: StructureFit, trials: Sequence[Trial], screen: ScoreScreen, colour: Noise
-    ) -> tuple[Trial, ...]:
-        """Add p-values and held-out errors to the trials."""
-        base = self._cost(self._refitted(current, colour), colour)
-        costs = [self._cost(trial.fit, colour) for trial in trials if trial.fit is not None]
-        variance = min([base, *costs]) / max(int(self.rows.sum()) - current.n_parameters, 1)
-        found = []
-        for trial in trials:
-            statistic = screen.statistics[trial.name]
-            if trial.fit is None:
-                found.append(replace(trial, p_value=screen.p_value(statistic)))
-                continue
-            ratio = (base - self._cost(trial.fit, colour)) / variance
-            by_fit = screen.fitted_p_value(ratio, trial.fit.n_parameters - current.n_parameters)
-            own = self._noise(trial.fit)
-            found.append(
-                replace(
-                    trial,
-                    noise=own,
-                    p_value=min(screen.p_value(statistic), by_fit),
-                    validation=self._held_out_error(trial.fit, WHITE),
-                    innovation=self._held_out_error(trial.fit, own.polynomial),
-                )
-            )
-        return tuple(found)
-
-    def _screen(self, current: StructureFit, candidates: Sequence[Effect], noise: Noise) -> ScoreScreen:
-        def white(columns: Floats) -> Floats:
-            return filtered(columns, self.rows, noise.polynomial)
-
-        directions = {
-            effect.name: [white(block) for block in self.structure.directions(current, effect)]
-            for effect in candidates
-        }
-        tangent = white(self.structure.tangent(current))
-        rng = np.random.default_rng([self.seed, len(current.choices)])
-        return score_screen(white(self._residual(current)), tangent, directions, noise.variance, rng)
-
     def _accepted(self, trial: Trial, current: StructureFit, baseline: StructureFit, further: bool) -> bool:
         """Tell whether all evidence agrees that an effect is there."""
         assert trial.fit is not None
@@ -416,7 +283,7 @@ class Search(Evidence):
             others = tuple(c for i, c in enumerate(fit.choices) if i != position)
             noise = self._colour(fit)
             without = self.structure.fit(others, self.rows, noise.polynomial, fit, effort=0)
-            if not _usable(without):
+            if not usable(without):
                 continue
             options = [e for e in self.candidates if e.name not in without.names]
             statistics = self._screen(without, options, noise).statistics
@@ -440,7 +307,7 @@ class Search(Evidence):
                 )
                 for left in fit.choices[n_given:]
             ]
-            criteria = [self._criterion(other, noise) if _usable(other) else np.inf for other in smaller]
+            criteria = [self._criterion(other, noise) if usable(other) else np.inf for other in smaller]
             best = smaller[int(np.argmin(criteria))]
             if min(criteria) > self._criterion(fit, noise):
                 break
@@ -543,8 +410,3 @@ class Search(Evidence):
         plain = self.structure.fit(fits[-1].choices, self.rows, WHITE, fits[-1], effort=0)
         remains = not np.isfinite(plain.cost) or self._noise_accepted(plain, self._noise(plain))
         return fits if remains else [*fits[:-1], plain]
-
-
-def _usable(fit: StructureFit) -> bool:
-    """Tell whether a free run diverges under no input of the record."""
-    return bool(np.isfinite(fit.cost) and np.isfinite(fit.output).all())

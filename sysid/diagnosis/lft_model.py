@@ -118,8 +118,12 @@ class LftJudged(Refitted):
         forced = [f"+ {term}" for term in left if not term.startswith("a")]
         inner = " + ".join(f"{lag_name('d', lag, structure)} {at(*lag)}" for lag in structure.z_lags)
         single = len(structure.z_lags) == 1
+        # Noise in the equation is what a one-step fit assumes; in a free run it comes behind all this.
+        noise = ["+ e(k)"] if self.fit.criterion == "one-step" else [", measured with noise"]
         return (
-            " ".join([f"{self.fit.output}(k) =", " + ".join(terms), *forced, *past, "+ e(k)"]),
+            " ".join([f"{self.fit.output}(k) =", " + ".join(terms), *forced, *past, *noise]).replace(
+                " ,", ","
+            ),
             f"w(k) = f(z(k)), f a spline of degree {structure.degree} with {structure.knots} knots, "
             f"{structure.extrapolation} beyond them",
             f"z(k) = {at(*structure.z_lags[0])}" if single else f"z(k) = {inner}, with |d| = 1",
@@ -142,6 +146,8 @@ class LftJudged(Refitted):
     def notes(self) -> tuple[str, ...]:
         """What the map looks like, how the structure was chosen, what is a convention."""
         conventions = tuple(note[0].upper() + note[1:] + "." for note in self.fit.notes)
+        if any(signal in ("y", self.fit.output) for signal, _ in self.fit.structure.z_lags):
+            conventions += ("The poles are those of the model linearised where the median of z lies.",)
         return (self.maps()[0].sentence, self.choice.reason, *conventions)
 
     @cached_property
@@ -160,6 +166,13 @@ class LftJudged(Refitted):
             )
         if not self.converged:
             found.append(f"The fit did not converge: {self.status}.")
+        centre, band = self._inner
+        if not 2.0 * band <= float(np.ptp(centre)):
+            found.append(
+                "The data do not determine the map: its 95 % band is wider than the map rises or falls; "
+                "leave lags out that act in A or B and through the map, too (--overlap drop), or take fewer "
+                "knots."
+            )
         if self.fit.criterion == "one-step" and not self.residual_whiteness.passed:
             lag, value = _worst(self.residual_whiteness)
             found.append(
@@ -171,8 +184,8 @@ class LftJudged(Refitted):
 
     @property
     def poles(self) -> tuple[complex, ...]:
-        """Zeros of A."""
-        return tuple(complex(pole) for pole in self.fit.poles)
+        """Poles; where the map is fed the output, those of the model linearised at the median of z."""
+        return tuple(complex(pole) for pole in np.roots(self.fit.linearised(float(np.median(self.fit.z)))))
 
     def predict(self, record: Record) -> Prediction:
         """Predict every row by the final model."""
@@ -216,7 +229,7 @@ class LftJudged(Refitted):
         signals = {signal for signal, _ in lags}
         return FittedMap(
             heading="Static map of the model, with its 95 % band and the data it rests on",
-            sentence=self._looks(grid, upper - lower),
+            sentence=self._looks(),
             quantity=single,
             unit=self._signal_unit(signals.pop()) if len(signals) == 1 else "",
             result="w",
@@ -232,23 +245,25 @@ class LftJudged(Refitted):
             bend_upper=bend + NORMAL_95 * deviation,
         )
 
-    def _looks(self, grid: Floats, width: Floats) -> str:
+    @cached_property
+    def _inner(self) -> tuple[Floats, float]:
+        """Return the map where most of its data lie, and the largest half width of its band there."""
+        low, high = np.quantile(self.fit.z, [0.5 - INNER / 2, 0.5 + INNER / 2])
+        grid = np.linspace(low, high, GRID)
+        lower, upper = self.fit.map_band(grid)
+        return self.fit.map(grid), float(np.max(upper - lower)) / 2.0
+
+    def _looks(self) -> str:
         """Say in one sentence what the map looks like where the data are."""
-        fit = self.fit
-        low, high = np.quantile(fit.z, [0.5 - INNER / 2, 0.5 + INNER / 2])
-        inner = grid[(grid >= low) & (grid <= high)]
-        steps = np.diff(fit.map(inner))
-        band = float(np.max(width[(grid >= low) & (grid <= high)])) / 2.0
+        centre, band = self._inner
+        steps = np.diff(centre)
         rise, fall = float(steps[steps > 0.0].sum()), float(-steps[steps < 0.0].sum())
         # What turns by less than the band is wide is as well flat.
-        shape = (
-            "rises and falls" if min(rise, fall) > 2.0 * band else f"{'rises' if rise > fall else 'falls'}"
-        )
-        straight = self._straightness(fit)
-        unit = self.units.get(fit.output, "")
+        shape = "rises and falls" if min(rise, fall) > 2.0 * band else "rises" if rise > fall else "falls"
+        reach = quantity(band, self.units.get(self.fit.output, ""), 2)
         return (
-            f"The map {shape} where {percent(INNER)} of its data lie; its 95 % band "
-            f"there reaches ± {quantity(band, unit, 2)} at most; {straight}."
+            f"The map {shape} where {percent(INNER)} of its data lie; its 95 % band there reaches ± {reach} "
+            f"at most; {self._straightness(self.fit)}."
         )
 
     def _straightness(self, fit: LftFit) -> str:

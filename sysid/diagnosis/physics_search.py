@@ -167,11 +167,18 @@ def _with_strengths(problem: Problem, points: Floats, strengths: list[int], tang
 
 
 def refined(
-    problem: Problem, minimum: Minimum[Residual], evaluations: int, tolerance: float
+    problem: Problem,
+    minimum: Minimum[Residual],
+    evaluations: int,
+    tolerance: float,
+    effects: Sequence[int] | None = None,
 ) -> Minimum[Residual]:
-    """Search the shape parameters on which the output depends by jumps: scan, descend, scan closer."""
+    """Search the shape parameters on which the output depends by jumps: scan, descend, scan closer.
+
+    Those of all effects by default, or of some by their positions.
+    """
     lower, upper = problem.bounds
-    for place, grid in _jumping(problem):
+    for place, grid in _jumping(problem, range(len(problem.choices)) if effects is None else effects):
         low, high = _neighbours(grid, minimum.x[place])
         for _ in range(REFINEMENTS):
             values = np.clip(np.linspace(low, high, REFINED_POINTS), lower[place], upper[place])
@@ -186,10 +193,11 @@ def refined(
     return minimum
 
 
-def _jumping(problem: Problem) -> list[tuple[int, list[float]]]:
+def _jumping(problem: Problem, effects: Sequence[int]) -> list[tuple[int, list[float]]]:
     """Return the shape parameters on which the output depends by jumps, with their grids."""
     found = []
-    for i, (choice, place) in enumerate(zip(problem.choices, problem.effect_places, strict=True)):
+    for i in effects:
+        choice, place = problem.choices[i], problem.effect_places[i]
         if not choice.form.smooth:
             grids = shape_values(problem, i)
             found += [(place.start + j, grid) for j, grid in zip(choice.form.shapes, grids, strict=True)]

@@ -265,7 +265,9 @@ class PhysicsStructure:
             for end in _different(sorted(tried, key=_cost))[: DESCENTS[effort]]
         ]
         ends.sort(key=_cost)
-        ends[0] = refined(problem, ends[0], EVALUATIONS[1], TOLERANCES[effort])
+        # For a ranking the shapes of earlier effects stay where they are on the whole.
+        scanned = None if effort == 2 else new
+        ends[0] = refined(problem, ends[0], EVALUATIONS[1], TOLERANCES[effort], scanned)
         return ends
 
     def _centres(self, problem: Problem, before: Problem, known: Floats, new: Sequence[int]) -> list[Floats]:

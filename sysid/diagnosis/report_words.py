@@ -9,6 +9,10 @@ from sysid.diagnosis.wording import percent, quantity, significant
 if TYPE_CHECKING:
     from sysid.diagnosis.diagnose import Diagnosis, Rung
 
+# The error grows if its rank correlation with time is so many standard deviations, and by this factor.
+BLOCKS, ROWS_OF_BLOCK = 24, 8
+LEAST_TREND, LEAST_GROWTH = 3.3, 1.5
+
 
 def sentences(diagnosis: "Diagnosis") -> list[str]:
     """Return what was found, the main thing first."""
@@ -25,6 +29,7 @@ def sentences(diagnosis: "Diagnosis") -> list[str]:
         for p in rung.model.fitted.parameters_of(rung.effect) if rung is ladder[-1] else ():
             spread = f" ± {significant(1.96 * p.std_error, 2)}" if np.isfinite(p.std_error) else ""
             found.append(f"{rung.effect}: {p.name} = {significant(p.value)}{spread} {p.unit}".rstrip())
+    found += _own_constant(diagnosis) + _growing(diagnosis, judged, unit)
     found += [port.sentence for port in diagnosis.ports[:1]]
     if diagnosis.advice:
         found.append(diagnosis.advice)
@@ -38,9 +43,48 @@ def _headline(diagnosis: "Diagnosis") -> str:
         "missing-effect": f"Missing in the model: {names or (best.name if best else '')}.",
         "nothing-missing": "Nothing is missing in the model.",
         "coloured-noise": "Nothing is missing in the model but a memory of the noise.",
-        "unexplained": "Something is missing in the model that no candidate explains.",
+        "unexplained": f"Missing in the model: {names}, and something that no candidate explains."
+        if names
+        else "Something is missing in the model that no candidate explains.",
         "not-identifiable": "The model's parameters cannot be told from this record.",
     }[diagnosis.verdict]
+
+
+def _own_constant(diagnosis: "Diagnosis") -> list[str]:
+    """Say that a constant force needs no effect where the model has one."""
+    plant = getattr(diagnosis.structure, "plant", None)
+    name = plant.port.constant if plant is not None else ""
+    asked = any(trial.name == "constant_force" for trial in diagnosis.decision.trials)
+    own = [p for p in diagnosis.final.parameters if p.name == name and not p.owner]
+    if not asked or not own:
+        return []
+    spread = f" ± {significant(1.96 * own[0].std_error, 2)}" if np.isfinite(own[0].std_error) else ""
+    value = f"{name} = {significant(own[0].value)}{spread} {own[0].unit}".rstrip()
+    return [f"constant_force: already in the model, {value}."]
+
+
+def _growing(diagnosis: "Diagnosis", judged: str, unit: str) -> list[str]:
+    """Say so where the final model's error grows along a test set beyond chance."""
+    record = diagnosis.record
+    if judged == "validation":
+        return []
+    rows = record.scored_rows(judged)
+    squares = (record.y[rows, 0] - diagnosis.final.output[rows]) ** 2
+    if squares.size < BLOCKS * ROWS_OF_BLOCK or not np.isfinite(squares).all():
+        return []
+    blocks = np.sqrt([part.mean() for part in np.array_split(squares, BLOCKS)])
+    first, last = (
+        float(np.sqrt(np.mean(part**2))) for part in (blocks[: BLOCKS // 3], blocks[-BLOCKS // 3 :])
+    )
+    ranks = np.argsort(np.argsort(blocks))
+    trend = float(np.corrcoef(ranks, np.arange(BLOCKS))[0, 1]) * np.sqrt(BLOCKS - 1)
+    if trend < LEAST_TREND or last < LEAST_GROWTH * first:
+        return []
+    return [
+        f"The error grows along {judged}, from {quantity(first, unit)} in its first third to "
+        f"{quantity(last, unit)} in its last: the plant may have changed after the rows of the fit "
+        "(time_variation, out_drift), or small errors add up."
+    ]
 
 
 def _rung(rung: "Rung", judged: str, unit: str) -> str:

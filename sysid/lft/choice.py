@@ -1,6 +1,6 @@
 """Structure of an LFT model, chosen by the free run on validation rows."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -186,19 +186,24 @@ def _structures(record: Record, fixed: Mapping[str, Any]) -> list[LftStructure]:
     """Return the structures to be tried, each once, the simpler ones first."""
     delay = 1 if {"z_lags", "b_lags"} <= fixed.keys() else likely_delay(record)
 
-    def inputs(*delays: int) -> tuple[Lag, ...]:
-        return tuple((name, delay + i) for i in delays for name in record.inputs)
+    def lags_of(names: Iterable[str], count: int) -> tuple[Lag, ...]:
+        return tuple((name, delay + i) for i in range(count) for name in names)
 
     output: tuple[Lag, ...] = (("y", 1),)
     families: list[dict[str, Any]] = []
     for n in ORDERS:
-        families += [
-            *({"n_a": n, "n_g": m, "z_lags": inputs(0)} for m in (n - 1, n)),
-            *({"n_a": n, "n_g": m, "z_lags": inputs(0, 1)} for m in (n - 1, n)),
-            {"z_lags": inputs(*range(n + 1))},
-            {"n_a": n, "b_lags": inputs(*range(n)), "z_lags": output},
-            {"n_a": n, "n_g": n - 1, "b_lags": inputs(*range(n)), "z_lags": (*inputs(0), *output)},
-        ]
+        for name in record.inputs:  # one input through the map, the others beside it
+            beside = lags_of([other for other in record.inputs if other != name], n)
+            families += [
+                {"n_a": n, "n_g": m, "b_lags": beside, "z_lags": lags_of([name], taps)}
+                for taps in (1, 2)
+                for m in (n - 1, n)
+            ]
+            families.append({"b_lags": beside, "z_lags": lags_of([name], n + 1)})
+        every = lags_of(record.inputs, n)
+        families.append({"n_a": n, "b_lags": every, "z_lags": output})
+        # G would make columns of A and B that the map can all but stand for: the data tell them apart badly.
+        families.append({"n_a": n, "b_lags": every, "z_lags": (*lags_of(record.inputs, 1), *output)})
     if {"n_a", "z_lags"} <= fixed.keys():  # what is left open then is simply absent
         families = [{}]
     defaults: dict[str, Any] = {"knots": FIRST_KNOTS, "overlap": "keep"}
@@ -288,7 +293,8 @@ def _simplest(trials: list[Trial]) -> tuple[LftStructure, str]:
             f"{simplest.problem}"
         )
     near = [trial for trial in trials if _equal(trial, trials[0])]
-    chosen = min(near, key=lambda trial: (trial.structure.n_parameters, trial.validation_rms))
+    # A map of fewer signals is simpler to read.
+    chosen = min(near, key=lambda t: (t.structure.n_parameters, len(t.structure.z_lags), t.validation_rms))
     return chosen.structure, chosen.criterion
 
 

@@ -206,6 +206,22 @@ class LftModel:
         """Poles of G/A and B/A; a map that is fed the output moves them."""
         return np.asarray(np.roots(self.a), dtype=np.complex128)
 
+    def linearised(self, z: float) -> Floats:
+        """Return A of the model linearised at a point of its map, the leading 1 included.
+
+        With slope s of the map it is A - s G D_y, D_y the taps of D that weigh the output.
+        """
+        slope = float(self.map.slope([z])[0])
+        taps = np.zeros(self.structure.z_delay + 1)
+        for (signal, delay), weight in zip(self.structure.z_lags, self.d, strict=True):
+            if signal in ("y", self.output):
+                taps[delay] += weight
+        through = slope * np.convolve(self.g, taps)
+        total = np.zeros(max(self.a.size, through.size))
+        total[: self.a.size] = self.a
+        total[: through.size] -= through
+        return np.trim_zeros(total, "b")
+
     def _signals(self, data: "Data") -> "Signals":
         from sysid.lft.signals import signals_of
 

@@ -103,8 +103,9 @@ def choose_wiener_hammerstein(
     """Choose a Wiener-Hammerstein model by its free-run error on validation rows, then refit it.
 
     Orders come first: equal ones, then their neighbours, on some of the estimation rows.  Then knots and
-    oversampling are chosen on all of them.  Each time the simplest candidate is taken whose squared error on
-    the validation rows is, block by block, within one standard error of the best one's, or within 1 %.
+    oversampling are chosen on all of them, and lower orders are tried again with that map.  Each time the
+    simplest candidate is taken whose squared error on the validation rows is, block by block, within one
+    standard error of the best one's, or within 1 %.
 
     Parameters
     ----------
@@ -143,6 +144,7 @@ def choose_wiener_hammerstein(
     accepted, minimum = chooser.maps(
         best, intervals, OVERSAMPLINGS if oversampling is None else (oversampling,)
     )
+    accepted, minimum = chooser.simplified(accepted, minimum)
     last = Multistart(make_segments(record, rows), form)
     final = refine(last.settled, minimum.model, accepted.candidate.intervals)
     chooser.step()
@@ -217,6 +219,28 @@ class _Chooser:
                 model = trial.model
         chosen = self._simplest([trial for trial, _ in found])
         return next(pair for pair in found if pair[0] is chosen)
+
+    def simplified(self, accepted: _Trial, minimum: Found) -> tuple[_Trial, Found]:
+        """Go back to lower orders that were tried, where they do as well with the chosen map.
+
+        Orders are compared with a map that may be too coarse, or act at samples only: higher ones make up for
+        it.
+        """
+        while True:
+            chosen = accepted.candidate
+            front, back = chosen.orders
+            pool = [(accepted, minimum)]
+            for orders in ((front - 1, back), (front, back - 1)):
+                known = [trial for trial in self.trials if trial.candidate.orders == orders]
+                if known:
+                    start = replace(known[-1].model, oversampling=chosen.oversampling)
+                    end = refine(self.search.settled, start, chosen.intervals)
+                    pool.append((self._compared(end, known[-1].screening, chosen.intervals), end))
+                    self.trials.append(pool[-1][0])
+            best = self._simplest([trial for trial, _ in pool])
+            if best is accepted:
+                return accepted, minimum
+            accepted, minimum = next(pair for pair in pool if pair[0] is best)
 
     def _tried(self, pairs: list[tuple[int, int]], intervals: int, final: bool = True) -> None:
         """Try orders that were not tried; where none could be fitted in the end, say why."""

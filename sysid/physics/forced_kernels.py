@@ -43,6 +43,8 @@ SIZE = LAW + 17
 SMOOTH, STUCK = 2, 0  # modes; 1 and -1 are sliding to either side
 # Changes that are located in one step; a body that chatters faster is held until the step's end.
 MOST_EVENTS = 12
+# A run with more changes than this in each sample is given up: its body is next to massless.
+MOST_CHATTER = 10
 ROOT_STEPS = 60
 # An event's velocity or force is zero to this share of its change over the step.
 EVENT_TOLERANCE = 1e-13
@@ -205,13 +207,13 @@ def time_of_event(
 
 
 @compiled
-def cut_step(w: Floats, n: int, same: bool, z: State, mode: int, step: float) -> tuple[State, int]:
-    """Return state and mode after a step that is cut where sliding turns or sticking ends."""
+def cut_step(w: Floats, n: int, same: bool, z: State, mode: int, step: float) -> tuple[State, int, int]:
+    """Return state, mode and number of changes after a step cut where sliding turns or sticking ends."""
     left = step
-    for _ in range(MOST_EVENTS):
+    for changes in range(MOST_EVENTS):
         trial = called_step(w, n, same, z, mode, left)
         if not margin(w, n, same, trial, mode) < 0.0:
-            return trial, mode
+            return trial, mode, changes
         near, far = 0.0, left
         if margin(w, n, same, z, mode) <= 0.0:
             # The body has just begun to move: look for a shorter step after which it still does.
@@ -233,9 +235,9 @@ def cut_step(w: Floats, n: int, same: bool, z: State, mode: int, step: float) ->
         elif near < 0.0 and mode == before:  # it cannot move to this side, nor to the other
             mode = STUCK
         if left <= 0.0:
-            return z, mode
+            return z, mode, changes + 1
     trial = called_step(w, n, same, z, STUCK, left)
-    return (0.0, trial[1], trial[2], trial[3], trial[4]), STUCK
+    return (0.0, trial[1], trial[2], trial[3], trial[4]), STUCK, MOST_EVENTS
 
 
 @compiled
@@ -284,7 +286,7 @@ def forced_runs(
         w[:] = plants[lane]
         dry = w[FRICTION_FORWARD] > 0.0 or w[FRICTION_BACK] > 0.0 or w[BREAKAWAY] != 0.0
         z = (starts[lane, 0], starts[lane, 1], starts[lane, 2], starts[lane, 3], 0.0)
-        mode = SMOOTH
+        mode, chatter = SMOOTH, 0
         for k in range(u.shape[1]):
             z = (min(z[0], w[FIRST_CAP]), min(z[1], w[SECOND_CAP]), z[2], z[3], z[4])
             value = (
@@ -296,7 +298,7 @@ def forced_runs(
             if states.shape[1] > 0:
                 states[lane, k, 0], states[lane, k, 1] = z[0], z[1]
                 states[lane, k, 2], states[lane, k, 3] = z[2], z[3]
-            if not math.isfinite(value):
+            if not math.isfinite(value) or chatter > MOST_CHATTER * u.shape[1]:
                 y[lane, k:] = np.nan
                 break
             for i in range(n):
@@ -316,7 +318,8 @@ def forced_runs(
                     if mode * trial[0] >= 0.0:
                         z = trial
                         continue
-                z, mode = cut_step(w, n, same, z, mode, step)
+                z, mode, changes = cut_step(w, n, same, z, mode, step)
+                chatter += changes
 
 
 @compiled

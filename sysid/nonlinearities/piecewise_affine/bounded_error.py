@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import IdentifiabilityError, UsageError
-from sysid.nonlinearities.piecewise_affine.descent import directions
+from sysid.nonlinearities.piecewise_affine.descent import assign, directions
 from sysid.nonlinearities.piecewise_affine.fit import (
     PiecewiseAffineFit,
     assembled,
@@ -41,6 +41,7 @@ def bounded_error(
     discard: float = 0.02,
     rounds: int = 20,
     separation: Separation = "linear-programming",
+    polish: bool = False,
 ) -> PiecewiseAffineFit:
     """Fit a piecewise affine map with as few submodels as a bound on the error allows.
 
@@ -73,6 +74,10 @@ def bounded_error(
         Of the refinement, at most.
     separation : {"linear-programming", "svm"}
         The second one needs scikit-learn.
+    polish : bool
+        Beyond the procedure: then move the hyperplanes to where the squared errors, each up to the bound's,
+        are least.  Undecided points count as well then, which helps where a jump is hardly more than the
+        noise; at a kink it does not.
 
     Returns
     -------
@@ -109,7 +114,10 @@ def bounded_error(
     theta, sure = found.theta, np.flatnonzero(found.labels >= 0)
     z_sure, labels_sure = np.ascontiguousarray(points.z[sure]), found.labels[sure]
     rows, owners = separated(z_sure, labels_sure, theta.shape[0], separation, rng, tolerated=TOLERATED)
-    rows = in_the_middle(points, rows, directions(points, rng, CENTRING), sure)
+    ways = directions(points, rng, CENTRING)
+    if polish:
+        rows = _polished(points, theta, rows, owners, delta / points.unit, ways)
+    rows = in_the_middle(points, rows, ways, None if polish else sure)
     placed = owners[region_labels(points, rows)]
     outliers = trimmed(points, theta, placed, delta / points.unit)
     status = _status(delta, found.partition, owners, points.n - sure.size, float(outliers.mean()))
@@ -197,6 +205,23 @@ def partition(
         rest = misfits(z, w, theta) > bound
         z, w = np.ascontiguousarray(z[rest]), np.ascontiguousarray(w[rest])
     return np.array(found)
+
+
+def _polished(
+    points: Points, theta: Floats, rows: Floats, owners: Labels, bound: float, ways: Floats
+) -> Floats:
+    """Return separators and refitted submodels in turn, for capped squared errors, until they stay."""
+    cap = points.n_w * bound**2
+    for _ in range(10):
+        costs = np.ascontiguousarray(np.minimum(points.costs(theta), cap)[:, owners])
+        moved = assign(points, costs, rows, ways[: 3 * (points.n_z + 1)])
+        labels = owners[region_labels(points, moved)]
+        off = points.costs(theta)[np.arange(points.n), labels] > cap
+        fitted, counts = points.fitted(np.where(off, -1, labels), theta.shape[0])
+        if counts.min() < points.n_z + 2 or np.array_equal(moved, rows):
+            break
+        rows, theta = moved, fitted
+    return rows
 
 
 def trimmed(points: Points, theta: Floats, labels: Labels, bound: float) -> NDArray[np.bool_]:

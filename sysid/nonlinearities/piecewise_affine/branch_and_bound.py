@@ -17,12 +17,19 @@ Labels = NDArray[np.intp]
 FEW = 12
 """A cell of so many open points is settled at once."""
 SECTORS = 8
+MOST_WORK = 3e8
+"""Looking at so many points takes some seconds."""
 DEEPEST = 80
 """So often a cell is halved at most; only coinciding points stay open as long."""
 
 
-def best_line_of_all(z: Floats, w: Floats, least: int) -> tuple[float, Floats, int] | None:
-    """Return what `best_line` does with all points for pivots, in far less time where modes differ.
+def best_line_of_all(
+    z: Floats, w: Floats, least: int, most_work: float = MOST_WORK
+) -> tuple[float, Floats, float] | None:
+    """Return the best of all lines: its cost, h of shape (3,), and what no line goes below.
+
+    The last number is the cost itself if the search came to its end, which it does in far less time than
+    turning a line about every point takes, unless there is little but noise.
 
     Parameters
     ----------
@@ -30,13 +37,20 @@ def best_line_of_all(z: Floats, w: Floats, least: int) -> tuple[float, Floats, i
         Scaled.
     least : int
         Points on each side at least.
+    most_work : float
+        The search is cut short after looking at so many points.
+
+    Returns
+    -------
+    tuple, or None
+        None where no line is admitted.
     """
     best = np.array([np.inf, 0.0, 0.0, 0.0])
-    search(z, w, least, best)
+    below = search(z, w, least, most_work, best)
     cost, low, high, pivot = best
     if not np.isfinite(cost):
         return None
-    return float(cost), separating(z, int(pivot), low, high), int(pivot)
+    return float(cost), separating(z, int(pivot), low, high), float(below)
 
 
 @compiled
@@ -154,8 +168,11 @@ def divide(
 
 
 @compiled
-def search(z: Floats, w: Floats, least: int, best: Floats) -> int:
-    """Improve ``best`` (cost, low, high, pivot) to the best line of all; return the number of cells."""
+def search(z: Floats, w: Floats, least: int, most_work: float, best: Floats) -> float:
+    """Improve ``best`` (cost, low, high, pivot) to the best line of all; return what no line goes below.
+
+    That is the best cost itself, unless more than ``most_work`` points had to be looked at.
+    """
     n, n_w = w.shape
     size = 7 + 3 * n_w
     radius = 0.0
@@ -175,7 +192,7 @@ def search(z: Floats, w: Floats, least: int, best: Floats) -> int:
         for k in range(n):
             stored[sector * n + k] = k
         top += 1
-    visited = 0
+    work = 0.0
     halves = np.empty((2, 4))
     sides = np.empty((2, 2, size))
     lists = np.empty((2, n), np.intp)
@@ -184,13 +201,19 @@ def search(z: Floats, w: Floats, least: int, best: Floats) -> int:
         top -= 1
         if bounds[top] >= best[0]:
             continue
-        visited += 1
+        if work > most_work:
+            lowest: float = best[0]
+            for a in range(top + 1):
+                lowest = min(lowest, bounds[a])
+            return lowest
         begin, count, depth = begins[top], counts[top], depths[top]
         open_ = stored[begin : begin + count].copy()
         cell = cells[top].copy()
         if count <= FEW or depth >= DEEPEST:
             settle(z, w, open_, cell, lefts[top], rights[top], least, best)
+            work += 8.0 * count * count
             continue
+        work += 2.0 * count
         middle, half = 0.5 * (cell[0] + cell[1]), 0.5 * (cell[1] - cell[0])
         sine, cosine = np.sin(middle), np.cos(middle)
         along = 0.0
@@ -227,4 +250,5 @@ def search(z: Floats, w: Floats, least: int, best: Floats) -> int:
                 stored[place + k] = lists[a, k]
             place += for_half[a]
             top += 1
-    return visited
+    reached: float = best[0]
+    return reached

@@ -27,7 +27,7 @@ def global_search(
     modes: int,
     *,
     rng: np.random.Generator | None = None,
-    exact_up_to: int = 5000,
+    exact_up_to: int = 1_000_000,
     pivots: int = 64,
     restarts: int = 20,
     min_points: int | None = None,
@@ -50,9 +50,8 @@ def global_search(
     rng : numpy.random.Generator, optional
         Draws samples and starts; seed 0 unless given.  An exact search returns the same optimum for any.
     exact_up_to : int
-        Points in the plane up to which the search is carried to its end.  That takes milliseconds for a
-        thousand points of two distinct modes, and time as the square of their number where there is
-        nothing but noise.
+        Points in the plane up to which branch and bound is tried.  It takes milliseconds for a thousand
+        points of two distinct modes.  Where there is little but noise it is cut short after some seconds.
     pivots : int
         Sample size beyond that.
     restarts : int
@@ -101,24 +100,40 @@ def _along_a_line(points: Points, modes: int, least: int) -> PiecewiseAffineFit:
 def _in_the_plane(
     points: Points, least: int, rng: np.random.Generator, exact_up_to: int, pivots: int
 ) -> PiecewiseAffineFit:
-    exact = points.n <= exact_up_to
-    if exact:
+    best, exact = None, False
+    if points.n <= exact_up_to:
         best = best_line_of_all(points.z, points.w, least)
+        if best is None:
+            raise _impossible(points, 2, least)
+        exact = best[2] >= best[0]
+    if best is not None and exact:
+        h = best[1]
+        status = f"exact: no line with {least} points or more on each side parts the points better"
     else:
-        tried = rng.choice(points.n, min(pivots, points.n), replace=False)
-        best = best_line(points.z, points.w, tried, least)
-    if best is None:
-        raise _impossible(points, 2, least)
-    status = f"exact: no line with {least} points or more on each side parts the points better"
-    if not exact:
-        best, count = _nearby(points, tried, best, least)
+        cost, h, count = _of_sampled_lines(points, least, rng, pivots)
         status = (
             f"the best of all lines through any of {count} of {points.n} points, those nearest to it among "
-            "them; not proved best of all: for that raise exact_up_to"
+            "them; not proved best of all"
         )
-    rows = np.zeros((2, 3))
-    rows[1] = best[1]
+        if best is None:
+            status += ": for that raise exact_up_to"
+        else:
+            h = h if cost < best[0] else best[1]
+            status += ": there is too little but noise to tell two modes by"
+    rows = np.vstack([np.zeros(3), h])
     return finished(points, rows, status, exact=exact, centring=directions(points, rng, CENTRING))
+
+
+def _of_sampled_lines(
+    points: Points, least: int, rng: np.random.Generator, pivots: int
+) -> tuple[float, Floats, int]:
+    """Return cost and h of the best line found, and through how many points lines were tried."""
+    tried = rng.choice(points.n, min(pivots, points.n), replace=False)
+    best = best_line(points.z, points.w, tried, least)
+    if best is None:
+        raise _impossible(points, 2, least)
+    best, count = _nearby(points, tried, best, least)
+    return best[0], best[1], count
 
 
 def _nearby(

