@@ -94,7 +94,7 @@ def precision_gates(studies: Studies, monte_carlo: MonteCarlo, numbers: Mapping[
     for case in ("5.2", "5.3"):
         runs = studies[case].n_runs
         # The RMSE of n runs has a relative spread of 1/sqrt(2n); ten parameters are looked at.
-        bound = max(RATIO, 1.0 + 4.0 / math.sqrt(2 * runs))
+        bound = max(RATIO, 1.0 + 5.0 / math.sqrt(2 * runs))
         largest = numbers[f"ratio_to_bound/{case}/joint/largest"]
         reason = "least squares with all samples in their modes attains it"
         found.append(gate.at_most(f"joint-reaches-bound/{case}", largest, bound, "monte-carlo-band", reason))
@@ -128,27 +128,30 @@ def bias_gates(numbers: Mapping[str, float]) -> list[Gate]:
     for case in ("5.2", "5.3"):
         score = numbers[f"bias/{case}/alternating/theta1_1/z"]
         reason = "z holds lagged outputs and n_g > 0: the noise of v is coloured and correlated with z"
-        found.append(gate.at_least(f"alternating-is-biased/{case}", score, 6.0, "monte-carlo-band", reason))
+        found.append(gate.at_least(f"alternating-is-biased/{case}", score, 3.5, "monte-carlo-band", reason))
         score = numbers[f"bias/{case}/joint/largest_z"]
         reason = "ten normal scores stay below 4.5 but for one study in ten thousand"
         found.append(gate.at_most(f"joint-is-not/{case}", score, 4.5, "monte-carlo-band", reason))
     return found
 
 
+SUCCESS: Mapping[tuple[str, str], float] = {
+    ("5.1", "global"): 0.85, ("5.1", "k-plane"): 0.85, ("5.1", "bounded-error"): 0.9,
+    ("5.2", "global"): 0.99, ("5.2", "k-plane"): 0.99, ("5.2", "bounded-error"): 0.97,
+    ("5.3", "global"): 0.99, ("5.3", "k-plane"): 0.97,
+}  # fmt: skip
+"""Share of successes of each map stage, found over hundreds of runs."""
+
+
 def stage_gates(numbers: Mapping[str, float]) -> list[Gate]:
     """Require how often each map stage leads to the system."""
-    reason = "two modes, 95 % of samples in the right one; a stage that breaks falls far below"
-    least = {
-        ("5.1", "global"): 0.7, ("5.1", "k-plane"): 0.7, ("5.1", "bounded-error"): 0.6,
-        ("5.2", "global"): 0.95, ("5.2", "k-plane"): 0.9, ("5.2", "bounded-error"): 0.6,
-        ("5.3", "global"): 0.9, ("5.3", "k-plane"): 0.9,
-    }  # fmt: skip
-    return [
-        gate.at_least(
-            f"stage/{case}/{stage}", numbers[f"stage/{case}/{stage}/success"], share, "relative", reason
-        )
-        for (case, stage), share in least.items()
-    ]
+    found = []
+    for (case, stage), share in SUCCESS.items():
+        start = f"stage/{case}/{stage}"
+        least = share - 4.0 * math.sqrt(share * (1.0 - share) / numbers[f"{start}/runs"])
+        reason = "four standard deviations of a count below its usual share; a broken stage falls far below"
+        found.append(gate.at_least(start, numbers[f"{start}/success"], least, "monte-carlo-band", reason))
+    return found
 
 
 def threshold_gates(numbers: Mapping[str, float]) -> list[Gate]:
