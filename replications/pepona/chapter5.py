@@ -8,7 +8,7 @@ import numpy as np
 
 from replications.errata import Erratum
 from replications.pepona import chapter5_errata
-from replications.pepona.chapter import Chapter, Numbers, Studies
+from replications.pepona.chapter import Chapter, Numbers, Studies, printed_values
 from replications.pepona.chapter5_gates import gates5
 from replications.pepona.chapter5_pwarx import (
     n_parameters,
@@ -17,6 +17,7 @@ from replications.pepona.chapter5_pwarx import (
     table_5_3_unrounded,
 )
 from replications.pepona.chapter5_runs import (
+    MOST_ITERATIONS,
     STAGES,
     THRESHOLDS,
     ExampleRun,
@@ -26,7 +27,14 @@ from replications.pepona.chapter5_runs import (
     ThresholdRun,
     alternate,
 )
-from replications.pepona.chapter5_setting import BOUNDARY, EXAMPLES, PRINTED, THRESHOLD, experiment
+from replications.pepona.chapter5_setting import (
+    BOUNDARY,
+    EXAMPLES,
+    PRINTED,
+    PRINTED_COUNTS,
+    THRESHOLD,
+    experiment,
+)
 from replications.pepona.chapter5_shown import shown
 from replications.pepona.chapter5_theory import bound_std, theory_numbers
 from replications.studies import entry
@@ -136,6 +144,13 @@ def table_5_3_numbers(study: Study) -> dict[str, float | None]:
 def z_scores(studies: Studies) -> dict[str, float | None]:
     """Return how many standard deviations of single runs each printed estimate lies from their mean."""
     found: dict[str, float | None] = {}
+    for name, (case, column) in PRINTED_COUNTS.items():
+        values = studies[case].column(column)
+        limit = MOST_ITERATIONS["bounded-error" if "/" in case else "global"]
+        counted = np.where(np.isnan(values), limit, values)  # what had not settled by then
+        found[f"count/{name}"] = float(np.median(counted))
+        spread = float(np.std(counted))
+        found[f"z/{name}"] = (printed_values()[name] - float(counted.mean())) / spread if spread else None
     for name, (case, column, printed) in PRINTED.items():
         study = studies[case]
         found[f"z/{name}"] = (printed - study.mean()[column]) / study.std()[column]
@@ -233,9 +248,6 @@ def pwarx_numbers(studies: Studies) -> dict[str, float | None]:
         }
     modes = studies["5.2/bounded-error"].column("modes")
     found["5.2/bounded-error/modes_median"] = float(np.median(modes))
-    for column in ("visited", "enough"):
-        values = studies["5.3"].column(column)
-        found[f"5.3/{column}_median"] = float(np.median(values))
     return found
 
 
