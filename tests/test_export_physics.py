@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from sysid.data import make_record
-from sysid.diagnosis.diagnose import DiagnosedModel, structure_of
+from sysid.diagnosis.diagnose import structure_of
 from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.export import load, save, saved_model
 from sysid.diagnosis.export_physics import SavedPhysicalModel
+from sysid.diagnosis.ladder import DiagnosedModel
 from sysid.diagnosis.structures import Choice
 from sysid.errors import DataError, ModelError
 from sysid.physics import load_model

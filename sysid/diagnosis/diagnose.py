@@ -11,15 +11,14 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.advice import advise
-from sysid.diagnosis.decide import NOISE_EFFECT, TIED, Search
+from sysid.diagnosis.decide import NOISE_EFFECT, Search
 from sysid.diagnosis.decision import Decision, Trial
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
-from sysid.diagnosis.evidence import block_separation
+from sysid.diagnosis.ladder import DiagnosedModel, Rung, climb, parameters_json
 from sysid.diagnosis.long_records import LONGEST, Portable, carried, rows_for_one, shortened, thinned
-from sysid.diagnosis.noise_colour import noise_of
-from sysid.diagnosis.scores import finite, nrmse_interval, score
-from sysid.diagnosis.structures import Choice, FittedParameter, Structure, StructureFit
+from sysid.diagnosis.scores import finite
+from sysid.diagnosis.structures import Structure, StructureFit
 from sysid.errors import UsageError
 from sysid.progress import progress as bars_of
 
@@ -32,109 +31,6 @@ if TYPE_CHECKING:
 WHITE = np.ones(1)
 MOST_EFFECTS = 3
 ALPHA = 0.01
-# The finest search of an effect that is added by hand.
-FINE = 2
-
-
-@dataclass(frozen=True, eq=False)
-class DiagnosedModel:
-    """A model with the effects that were added to it.
-
-    Attributes
-    ----------
-    structure : Structure
-    fitted : StructureFit
-        On estimation and validation rows once `fit` was called.
-    added : tuple of Effect
-        Effects that were added and are not fitted yet.
-    """
-
-    structure: Structure
-    fitted: StructureFit
-    added: tuple[Effect, ...] = ()
-
-    def add(self, *effects: str | Effect) -> "DiagnosedModel":
-        """Return the model with further effects, to be fitted; a name that makes no sense is refused."""
-        chosen = find_effects(effects)
-        offered = {effect.name for effect in self.structure.offered(chosen)}
-        for effect in chosen:
-            if effect.name not in offered or effect.port == "noise":
-                raise UsageError(
-                    f"effect {effect.name!r} makes no sense for the model {self.structure.name!r}: "
-                    "`sysid effects` tells which models it is for"
-                )
-        return DiagnosedModel(self.structure, self.fitted, (*self.added, *chosen))
-
-    def fit(self) -> "DiagnosedModel":
-        """Return the model fitted with what was added, in the form that fits best."""
-        rows = self.structure.record.learning
-        current = self.structure.fit(self.fitted.choices, rows, WHITE, self.fitted, effort=0)
-        for effect in self.added:
-            options = [
-                self.structure.fit(
-                    (*current.choices, Choice(effect, form)), rows, WHITE, current, effort=FINE
-                )
-                for form in effect.forms
-            ]
-            n = rows.sum()
-            current = min(options, key=lambda o: n * np.log(max(o.cost, 1e-300)) + o.n_parameters * np.log(n))
-        return DiagnosedModel(self.structure, self.structure.finish(current, WHITE))
-
-    @property
-    def parameters(self) -> tuple[FittedParameter, ...]:
-        """Parameters of model and effects."""
-        return self.fitted.parameters
-
-    @property
-    def output(self) -> Floats:
-        """Free run over every row of the record, shape (n_samples,)."""
-        return self.fitted.output
-
-    def equation(self) -> str:
-        """Return the equation with its effects."""
-        return self.structure.equation(self.fitted)
-
-    def __repr__(self) -> str:
-        lines = [f"Model {self.structure.name!r} with {', '.join(self.fitted.names) or 'no effect'}"]
-        lines += [
-            f"  {p.name:12s} {p.value: .6g} ± {1.96 * p.std_error:.2g} {p.unit}" for p in self.parameters
-        ]
-        return "\n".join(lines)
-
-
-@dataclass(frozen=True, eq=False)
-class Rung:
-    """One step of the ladder: scores of the model with the effects so far.
-
-    Attributes
-    ----------
-    step : int
-        0 is the baseline.
-    effect : str
-        What was added; empty for the baseline.
-    model : DiagnosedModel
-    scores : dict of str to dict
-        For ``validation`` and each test set ``rmse``, ``nrmse``, and the 95 % interval of ``nrmse``.
-    removed : float
-        Share of the explainable validation error (mean square above the noise floor) that this step removed.
-    """
-
-    step: int
-    effect: str
-    model: DiagnosedModel
-    scores: dict[str, dict[str, Any]]
-    removed: float
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the form of the JSON file."""
-        return {
-            "step": self.step,
-            "effect": self.effect or None,
-            "scores": self.scores,
-            "removed_share": finite(self.removed),
-            "parameters": parameters_json(self.model.parameters),
-            "equation": self.model.equation(),
-        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -380,7 +276,7 @@ def diagnose(
     if long and isinstance(structure, Portable):
         whole = structure.on(record)
         estimates = [_on_all_rows(whole, fit, chosen) for fit in estimates]
-    ladder = _ladder(whole, decision, estimates, kept, count > 1)
+    ladder = climb(whole, decision, estimates, kept, count > 1)
     noise = NOISE_EFFECT in decision.accepted and accept != "none"
     accepted = (*kept, *([NOISE_EFFECT] if noise else []))
     advice = advise(structure, decision, accepted)
@@ -448,82 +344,3 @@ def _kept(decision: Decision, accept: Callable[[str], bool] | str) -> tuple[str,
     if callable(accept):
         return tuple(name for name in names if name in given or accept(name))
     return tuple(names) if accept == "auto" else tuple(name for name in names if name in given)
-
-
-def _ladder(
-    structure: Structure,
-    decision: Decision,
-    estimates: Sequence[StructureFit],
-    kept: Sequence[str],
-    thin: bool,
-) -> tuple[Rung, ...]:
-    """Refit each rung on estimation and validation rows, score it on validation and test rows.
-
-    The noise's memory from row to row is another where rows stood for several in the search: then the
-    free-run error itself is minimised.
-    """
-    record = structure.record
-    noise = WHITE if thin else _weighting(structure, estimates[-1], decision.noise.polynomial)
-    finals = []
-    for fit in estimates:
-        final = structure.fit(fit.choices, record.learning, noise, fit, effort=0)
-        own = noise_of(record.y[:, 0] - final.output, record.learning).polynomial if thin else noise
-        finals.append(structure.finish(final, own))
-    floor = decision.floor
-    y = record.y[record.validation, 0]
-    errors = [float(np.mean((y - fit.output[record.validation]) ** 2)) for fit in estimates]
-    explainable = max(errors[0] - floor**2, 1e-300)
-    rungs = []
-    for step, (estimate, final) in enumerate(zip(estimates, finals, strict=True)):
-        scores = {"validation": _score(record, record.validation, estimate.output)}
-        for name in record.test_sets:
-            rows = record.scored_rows(name)
-            if rows.any():
-                scores[name] = _score(record, rows, final.output)
-        effect = "" if step == 0 else kept[step - 1]
-        removed = 0.0 if step == 0 else (errors[step - 1] - errors[step]) / explainable
-        rungs.append(Rung(step, effect, DiagnosedModel(structure, final), scores, removed))
-    return tuple(rungs)
-
-
-def _weighting(structure: Structure, fit: StructureFit, noise: Floats) -> Floats:
-    """Return the colour under which the last refit is made: none where plain errors foretell more.
-
-    What is left of a measured record is often no noise.  Then a fit that weighs it by a colour leaves some
-    free-run error, which held-out rows tell beyond chance.
-    """
-    if noise.size == 1:
-        return noise
-    record = structure.record
-    residuals = []
-    for colour in (WHITE, noise):
-        again = structure.fit(fit.choices, record.estimation, colour, fit, effort=0)
-        residuals.append((record.y[:, 0] - again.output)[record.validation])
-    if not np.isfinite(residuals[0]).all():
-        return noise
-    worse = not np.isfinite(residuals[1]).all() or block_separation(*residuals) > TIED
-    return WHITE if worse else noise
-
-
-def _score(record: Record, rows: Any, output: Floats) -> dict[str, Any]:
-    y = record.y[rows, 0]
-    if not np.isfinite(output[rows]).all():
-        return {"rmse": None, "nrmse": None, "interval": [None, None]}
-    found, interval = score(y, output[rows]), nrmse_interval(y, output[rows])
-    return {
-        "rmse": finite(found.rmse),
-        "nrmse": finite(found.nrmse),
-        "interval": [finite(bound) for bound in interval],
-    }
-
-
-def parameters_json(parameters: Sequence[FittedParameter]) -> dict[str, dict[str, Any]]:
-    """Return parameters as the JSON file holds them."""
-    return {
-        (f"{p.owner}.{p.name}" if any(q.name == p.name and q is not p for q in parameters) else p.name): {
-            "value": finite(p.value),
-            "std_error": finite(p.std_error),
-            "unit": p.unit,
-        }
-        for p in parameters
-    }

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sysid.diagnosis.diagnose import DiagnosedModel
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.effects.catalogue import find_effects
 from sysid.diagnosis.export_physics import KIND as PHYSICAL
 from sysid.diagnosis.export_physics import MEMORY, TIMED, SavedPhysicalModel, saved_physical_model
+from sysid.diagnosis.ladder import DiagnosedModel
 from sysid.diagnosis.linear_chain import Chain, Data
 from sysid.diagnosis.linear_structure import LinearStructure
 from sysid.diagnosis.physics_structure import PhysicsStructure

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sysid.diagnosis.diagnose import DiagnosedModel
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.effects.catalogue import find_effects
+from sysid.diagnosis.ladder import DiagnosedModel
 from sysid.diagnosis.physics_laws import INNER, SWITCHES, coefficients, with_level
 from sysid.diagnosis.physics_structure import COARSE_STEP, PhysicsStructure, Plant
 from sysid.diagnosis.structures import Choice

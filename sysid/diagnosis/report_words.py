@@ -7,7 +7,8 @@ import numpy as np
 from sysid.diagnosis.wording import percent, quantity, significant
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.diagnose import Diagnosis, Rung
+    from sysid.diagnosis.diagnose import Diagnosis
+    from sysid.diagnosis.ladder import Rung
 
 # The error grows if its rank correlation with time is so many standard deviations, and by this factor.
 BLOCKS, ROWS_OF_BLOCK = 24, 8

@@ -86,9 +86,10 @@ class Trials(Evidence):
         refined, polished = (REFINED, POLISHED) if first else (REFINED_BESIDE, POLISHED_BESIDE)
 
         def simply(effect: Effect) -> Trial:
-            # Half-wave and full-wave are different effects; a two-sided form is a refinement.
+            # Half-wave and full-wave are different effects, as are a rim and a cascade of tanks; a two-sided
+            # form is a refinement.
             size = len(effect.forms[0].parameters)
-            simple = [form for form in effect.forms if len(form.parameters) <= size]
+            simple = [form for form in effect.forms if len(form.parameters) <= size or effect.port == "flow"]
             return self._fitted(current, effect, simple, noise, 1)
 
         beside = f" beside {' and '.join(current.names)}" if current.choices else ""

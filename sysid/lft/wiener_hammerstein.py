@@ -59,7 +59,8 @@ def fit_wiener_hammerstein(
     orders : (int, int), optional
         Of the front and the back block; chosen on the validation rows by default.
     knots : int, optional
-        Intervals between the knots of the map; chosen on the validation rows by default.
+        Of the map, equally spaced over the range of its input; those that leave an interval too few points
+        are left out.  Chosen on the validation rows by default.
     oversampling : int, optional
         1: the map acts on samples.  R > 1: it acts in continuous time, between the samples of a band-limited
         input, and is found at R points in a sampling period.  Chosen on the validation rows by default, 1 or
@@ -108,7 +109,7 @@ def fit_wiener_hammerstein(
     if start is not None:
         if orders is None:
             orders = start.orders
-        knots = start.map.knots.size - 1 if knots is None else knots
+        knots = start.map.knots.size if knots is None else knots
         oversampling = start.oversampling if oversampling is None else oversampling
     if orders is None or knots is None or oversampling is None:
         from sysid.lft.wiener_hammerstein_choice import choose_wiener_hammerstein
@@ -126,13 +127,13 @@ def fit_wiener_hammerstein(
             progress=progress,
         )
         return choice.fit
-    orders, knots = checked_orders(orders), checked_intervals(knots)
+    orders, intervals = checked_orders(orders), checked_intervals(knots)
     interpolation_taps(oversampling)
     search = Multistart(make_segments(record, rows), form)
-    check_enough(search.segments, orders, knots + degree)
+    check_enough(search.segments, orders, intervals + degree)
     screening = search.screened(orders, progress) if start is None else Screening(start, 0, True)
-    found = refine(search.settled, replace(screening.model, oversampling=oversampling), knots)
-    return fit_of(record, found, screening, knots)
+    found = refine(search.settled, replace(screening.model, oversampling=oversampling), intervals)
+    return fit_of(record, found, screening, intervals)
 
 
 class Multistart:
@@ -233,10 +234,10 @@ def checked_orders(orders: tuple[int, int]) -> tuple[int, int]:
 
 
 def checked_intervals(knots: int) -> int:
-    """Return the number of intervals; UsageError if it makes no sense."""
-    intervals = whole_number("knots", knots)
+    """Return the number of intervals between so many knots; UsageError if it makes no sense."""
+    intervals = whole_number("knots", knots) - 1
     if not 1 <= intervals <= LARGEST_INTERVALS:
-        raise UsageError(f"knots is {intervals}: give a number of intervals from 1 to {LARGEST_INTERVALS}")
+        raise UsageError(f"knots is {knots}: give a number from 2 to {LARGEST_INTERVALS + 1}")
     return intervals
 
 

@@ -134,13 +134,11 @@ def choose_wiener_hammerstein(
         raise DataError(
             "the record has no validation rows to choose a structure by: give orders, knots and oversampling"
         )
+    compared = COMPARED_INTERVALS if knots is None else checked_intervals(knots)
     search_ = Multistart(make_segments(record, record.estimation), form)
     chooser = _Chooser(record, search_, progress)
-    if orders is None:
-        best = chooser.orders(knots)
-    else:
-        best = chooser.trial(checked_orders(orders), COMPARED_INTERVALS if knots is None else knots)
-    intervals = INTERVALS if knots is None else (checked_intervals(knots),)
+    best = chooser.orders(compared) if orders is None else chooser.trial(checked_orders(orders), compared)
+    intervals = INTERVALS if knots is None else (compared,)
     accepted, minimum = chooser.maps(
         best, intervals, OVERSAMPLINGS if oversampling is None else (oversampling,)
     )
@@ -170,9 +168,8 @@ class _Chooser:
         if self.progress is not None:
             self.progress(min(self.done, self.total), self.total)
 
-    def orders(self, knots: int | None) -> _Trial:
+    def orders(self, intervals: int) -> _Trial:
         """Try equal orders and then the neighbours of the best."""
-        intervals = COMPARED_INTERVALS if knots is None else knots
         for n in range(1, LARGEST_EQUAL_ORDER + 1):
             before = min((t.candidate.validation_rms for t in self.trials), default=np.inf)
             self._tried([(n, n)], intervals, final=n == LARGEST_EQUAL_ORDER)
