@@ -41,6 +41,8 @@ from replications.studies import entry
 from sysid.montecarlo import Study, Task
 from sysid.replication import Session
 
+FEW = 40
+"""Below so many runs the comparison of map stages is cut to a quarter of them."""
 LONG = 20_000
 """Samples at which the bias of the alternating scheme is shown."""
 PWARX = {"5.2/pwarx-0.4": ("5.2", 0.4), "5.2/pwarx-0.25": ("5.2", 0.25), "5.3/pwarx-0.5": ("5.3", 0.5)}
@@ -49,18 +51,18 @@ PWARX = {"5.2/pwarx-0.4": ("5.2", 0.4), "5.2/pwarx-0.25": ("5.2", 0.25), "5.3/pw
 
 def plan5(runs: int) -> Mapping[str, tuple[Task, int]]:
     """Return every case with its task and number of runs."""
-    half = max(runs // 2, 10)
+    half = runs // 2 if runs >= FEW else max(runs // 4, 3)
     cases: dict[str, tuple[Task, int]] = {}
     for case in EXAMPLES:
         cases[case] = (ExampleRun(case), runs)
         cases[f"{case}/k-plane"] = (StageRun(case, "k-plane"), half)
-        slow = max(runs // 10, 3) if case == "5.3" else half
+        slow = max(runs // 10, 2) if case == "5.3" else half
         cases[f"{case}/bounded-error"] = (StageRun(case, "bounded-error"), slow)
         cases[f"{case}/threshold"] = (ThresholdRun(case), max(runs // 10, 5))
     for case in ("5.2", "5.3"):
         cases[f"{case}/long"] = (LongRun(case, LONG), max(runs // 25, 4))
     for case, (name, delta) in PWARX.items():
-        cases[case] = (PwarxRun(name, delta), max(runs // 20, 4))
+        cases[case] = (PwarxRun(name, delta), max(runs // 20, 3))
     return cases
 
 
