@@ -8,7 +8,7 @@ import numpy as np
 
 from replications.errata import Erratum
 from replications.pepona import chapter5_errata
-from replications.pepona.chapter import Chapter, Numbers, Studies
+from replications.pepona.chapter import Chapter, Numbers, Studies, printed_values
 from replications.pepona.chapter5_gates import gates5
 from replications.pepona.chapter5_pwarx import (
     n_parameters,
@@ -17,6 +17,7 @@ from replications.pepona.chapter5_pwarx import (
     table_5_3_unrounded,
 )
 from replications.pepona.chapter5_runs import (
+    MOST_ITERATIONS,
     STAGES,
     THRESHOLDS,
     ExampleRun,
@@ -26,13 +27,22 @@ from replications.pepona.chapter5_runs import (
     ThresholdRun,
     alternate,
 )
-from replications.pepona.chapter5_setting import BOUNDARY, EXAMPLES, PRINTED, THRESHOLD, experiment
+from replications.pepona.chapter5_setting import (
+    BOUNDARY,
+    EXAMPLES,
+    PRINTED,
+    PRINTED_COUNTS,
+    THRESHOLD,
+    experiment,
+)
 from replications.pepona.chapter5_shown import shown
 from replications.pepona.chapter5_theory import bound_std, theory_numbers
 from replications.studies import entry
 from sysid.montecarlo import Study, Task
 from sysid.replication import Session
 
+FEW = 40
+"""Below so many runs the comparison of map stages is cut to a quarter of them."""
 LONG = 20_000
 """Samples at which the bias of the alternating scheme is shown."""
 PWARX = {"5.2/pwarx-0.4": ("5.2", 0.4), "5.2/pwarx-0.25": ("5.2", 0.25), "5.3/pwarx-0.5": ("5.3", 0.5)}
@@ -41,18 +51,18 @@ PWARX = {"5.2/pwarx-0.4": ("5.2", 0.4), "5.2/pwarx-0.25": ("5.2", 0.25), "5.3/pw
 
 def plan5(runs: int) -> Mapping[str, tuple[Task, int]]:
     """Return every case with its task and number of runs."""
-    half = max(runs // 2, 10)
+    half = runs // 2 if runs >= FEW else max(runs // 4, 3)
     cases: dict[str, tuple[Task, int]] = {}
     for case in EXAMPLES:
         cases[case] = (ExampleRun(case), runs)
         cases[f"{case}/k-plane"] = (StageRun(case, "k-plane"), half)
-        slow = max(runs // 10, 3) if case == "5.3" else half
+        slow = max(runs // 10, 2) if case == "5.3" else half
         cases[f"{case}/bounded-error"] = (StageRun(case, "bounded-error"), slow)
         cases[f"{case}/threshold"] = (ThresholdRun(case), max(runs // 10, 5))
     for case in ("5.2", "5.3"):
         cases[f"{case}/long"] = (LongRun(case, LONG), max(runs // 25, 4))
     for case, (name, delta) in PWARX.items():
-        cases[case] = (PwarxRun(name, delta), max(runs // 20, 4))
+        cases[case] = (PwarxRun(name, delta), max(runs // 20, 3))
     return cases
 
 
@@ -136,6 +146,13 @@ def table_5_3_numbers(study: Study) -> dict[str, float | None]:
 def z_scores(studies: Studies) -> dict[str, float | None]:
     """Return how many standard deviations of single runs each printed estimate lies from their mean."""
     found: dict[str, float | None] = {}
+    for name, (case, column) in PRINTED_COUNTS.items():
+        values = studies[case].column(column)
+        limit = MOST_ITERATIONS["bounded-error" if "/" in case else "global"]
+        counted = np.where(np.isnan(values), limit, values)  # what had not settled by then
+        found[f"count/{name}"] = float(np.median(counted))
+        spread = float(np.std(counted))
+        found[f"z/{name}"] = (printed_values()[name] - float(counted.mean())) / spread if spread else None
     for name, (case, column, printed) in PRINTED.items():
         study = studies[case]
         found[f"z/{name}"] = (printed - study.mean()[column]) / study.std()[column]
@@ -233,9 +250,6 @@ def pwarx_numbers(studies: Studies) -> dict[str, float | None]:
         }
     modes = studies["5.2/bounded-error"].column("modes")
     found["5.2/bounded-error/modes_median"] = float(np.median(modes))
-    for column in ("visited", "enough"):
-        values = studies["5.3"].column(column)
-        found[f"5.3/{column}_median"] = float(np.median(values))
     return found
 
 

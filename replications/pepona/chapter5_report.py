@@ -245,6 +245,10 @@ def table_5_3(results: Results) -> Display:
 def pwarx(results: Results) -> Display:
     """Say what direct fits find, and how many modes are visited."""
     n = _numbers(results)
+
+    def score(count: str) -> str:
+        return display.number(n[f"z/5.3/{count}"], digits=2)
+
     rows = [
         [
             case.split("/")[0],
@@ -270,10 +274,9 @@ def pwarx(results: Results) -> Display:
             "wrong mode of the equivalent PWARX model, which has 4 and 32.",
         ),
         display.prose(
-            f"Of the 32 modes of Example 5.3 a record visits {n['5.3/visited_median']:.0f} (median; 26 "
-            f"printed, "
-            f"$z = {n['z/5.3/visited']:.1f}$). That eight have enough samples for eleven parameters holds "
-            f"with three "
-            f"samples a parameter: {n['5.3/enough_median']:.0f} (median; $z = {n['z/5.3/enough']:.1f}$)."
+            f"Of the 32 modes of Example 5.3 a record visits {n['count/5.3/visited']:.0f} (median; 26 "
+            f"printed, $z = {score('visited')}$). That eight have enough samples for eleven parameters "
+            f"holds with three samples a parameter: {n['count/5.3/enough']:.0f} (median; "
+            f"$z = {score('enough')}$)."
         ),
     )

@@ -153,3 +153,12 @@ def _cut(number: str) -> tuple[str, str]:
 
 
 PRINTED = printed_results()
+
+PRINTED_COUNTS: Mapping[str, tuple[str, str]] = {
+    "5.1/iterations": ("5.1/bounded-error", "iterations"),
+    "5.2/iterations": ("5.2/bounded-error", "iterations"),
+    "5.3/iterations": ("5.3", "iterations"),
+    "5.3/visited": ("5.3", "visited"),
+    "5.3/enough": ("5.3", "enough"),
+}
+"""Printed counts of single experiments: case and column of our runs."""
