@@ -59,7 +59,8 @@ def minimise(
     cost, damping, small = float(error @ error), FIRST_DAMPING, 0
     for _ in range(iterations):
         J = chain.slopes(data, point, run, noise, free)
-        H, g = J @ J.T, J @ error
+        with np.errstate(all="ignore"):  # what is not finite ends the search below
+            H, g = J @ J.T, J @ error
         scale = np.sqrt(np.diag(H))
         scale[scale == 0.0] = 1.0
         H, g = H / np.outer(scale, scale), g / scale

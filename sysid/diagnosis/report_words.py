@@ -84,7 +84,7 @@ def _growing(diagnosis: "Diagnosis", judged: str, unit: str) -> list[str]:
     return [
         f"The error grows along {judged}, from {quantity(first, unit)} in its first third to "
         f"{quantity(last, unit)} in its last: the plant may have changed after the rows of the fit "
-        "(time_variation, out_drift), or small errors add up."
+        "(time_variation, out_drift), the motion may have grown, or small errors add up."
     ]
 
 
