@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import sysid
+from benchmarks.hidden_effects.plan import assign
 from sysid.cli import main
 from sysid.data import make_record
 from sysid.diagnosis.decide import Search
@@ -14,6 +15,7 @@ from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.evidence import orthonormal, remainder, score_screen
 from sysid.diagnosis.export import load, save, saved_model
 from sysid.diagnosis.linear_structure import LinearStructure
+from sysid.diagnosis.residual_evidence import interleaved
 from sysid.diagnosis.structures import Structure
 from sysid.errors import DataError, UsageError
 
@@ -236,6 +238,37 @@ def test_the_best_candidate_stands_where_its_own_likelihood_is_largest():
     assert abs(finished.parameters_of("in_saturation")[0].value - 1.0) < (
         3.0 * finished.parameters_of("in_saturation")[0].std_error
     )
+
+
+def test_what_begins_after_the_rows_of_the_search_is_found():
+    # The gain falls to two thirds within the validation rows: estimation rows alone say nothing of it.
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-2, 2, 300), 4)
+    y = plant(u * np.where(np.arange(1200) < 700, 1.0, 0.67))
+    y += 0.03 * np.std(y) * rng.standard_normal(1200)
+    record = make_record(u, y, period=1.0, split=np.repeat(["est", "val", "test"], [600, 300, 300]))
+    structure = LinearStructure(record, 2, initial_state="rest")
+    effects = find_effects(["in_saturation", "out_offset", "time_variation"])
+    decision = Search(structure, effects, seed=1).decide()
+    assert (decision.verdict, decision.accepted) == ("missing-effect", ("time_variation",))
+
+
+def test_rows_to_search_on_and_to_hold_out_take_turns():
+    learning = np.array([True] * 300 + [False] * 100 + [True] * 150)
+    rows, held_out = interleaved(learning)
+    assert not (rows & held_out).any()
+    assert np.array_equal(rows | held_out, learning)
+    assert held_out.sum() == learning.sum() // 3
+
+
+def test_searches_that_stop_at_a_pole_of_one_count_as_agreeing():
+    # A drift that is not in the model draws a pole to the border of stability, where searches come to rest
+    # at errors that differ by some hundredths of a per cent.
+    case = assign(3500, 4, family="difference-equation", kind="two").case
+    assert "out_drift" in case.names
+    record = make_record(case.u, case.y, period=1.0, split=case.sets)
+    structure = LinearStructure(record, case.plant.order, initial_state="rest")
+    assert structure.baseline(record.estimation).restarts_agree
 
 
 def test_the_chance_of_a_fit_bounds_that_of_a_search_off_the_grid():

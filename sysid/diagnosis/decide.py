@@ -10,7 +10,7 @@ from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.evidence import block_separation
 from sysid.diagnosis.noise_colour import Noise
 from sysid.diagnosis.ranking import with_every_candidate
-from sysid.diagnosis.residual_evidence import WHITE
+from sysid.diagnosis.residual_evidence import LEFT_P_VALUE, WHITE, interleaved
 from sysid.diagnosis.structures import Structure, StructureFit, filtered
 from sysid.diagnosis.trials import POLISHED, Trials, usable
 from sysid.progress import Progress
@@ -26,10 +26,9 @@ RUNNERS_UP, BESIDE_RUNNER_UP = 2, 4
 TIED = 2.0
 # A further effect must explain this share of what all effects explain, or it is a detail of the first.
 LEAST_SHARE = 0.01
-# Something is left when the probes find this with a chance below it, and this share of the explainable.
-LEFT_P_VALUE = 1e-5
 # Noise that is coloured beside an effect is a trace of something else if the probes find this.
 SUSPECT_P_VALUE = 3e-3
+# Something is left when the probes find this share of the explainable.
 LEFT_SHARE, SUSPECT_SHARE = 0.01, 0.004
 # Effects stay accepted beside something unexplained if they leave at most this share of the explainable.
 LEAST_EXPLAINED = 0.9
@@ -74,6 +73,10 @@ class Search(Trials):
     def decide(self) -> Decision:
         """Name what is missing."""
         decision = self._decided()
+        final = decision.fits[-1] if decision.fits else decision.baseline
+        if decision.verdict not in ("unexplained", "not-identifiable") and self._rows_disagree(final):
+            self.rows, self.held_out = interleaved(self.structure.record.learning)
+            decision = self._decided()
         leading = [self._settled(trial) for trial in decision.trials[:POLISHED]]
         decision = replace(decision, trials=(*leading, *decision.trials[POLISHED:]))
         return with_every_candidate(decision, self.names, self._memory(decision.baseline))
@@ -186,13 +189,15 @@ class Search(Trials):
             found = self._round(trial.fit, True, BESIDE_RUNNER_UP)
             if not found or found[0].fit is None or not found[0].gain > 0.0:
                 continue
-            pair = self._pruned(self._exchanged(found[0].fit, len(self.given)), len(self.given))
-            if len(pair.choices) < len(self.given) + 2 or not self._better_held_out(pair, final):
+            pair = found[0].fit
+            if not self._better_held_out(pair, final):
                 continue
             other = self._verdict(
                 decision.baseline, self._rungs(pair, decision.baseline, len(self.given)), trials, ()
             )
-            if other.verdict != "unexplained":
+            # Found at a second attempt it must leave not even a trace.
+            trace = other.left_p_value < SUSPECT_P_VALUE and other.left_share > SUSPECT_SHARE
+            if other.verdict != "unexplained" and not trace:
                 return other
         return decision
 

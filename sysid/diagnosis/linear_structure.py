@@ -26,6 +26,7 @@ SEARCH_ROWS = 6000
 HIGHEST_ORDER = 6
 # A higher order must lower the validation error by at least this share.
 WORTHWHILE = 0.02
+# Searches agree when their root mean square errors differ by this share.
 AGREEMENT = 1e-3
 RESTARTS, SPREADS, RESTART_SEED = 12, (0.4, 0.15, 0.05), 3
 
@@ -117,23 +118,32 @@ class LinearStructure:
 
     def _restarted(self, chain: Chain, data: Data, best: Minimum) -> tuple[Minimum, bool]:
         """Search again from moved parameters; tell whether another search ends at the least cost."""
-        rng, ends, n = np.random.default_rng(RESTART_SEED), [best], self.order
-        poles = np.roots(np.concatenate([[1.0], best.point[:n]])).astype(complex)
-        for number in range(RESTARTS):
-            # Conjugate poles move together: their time constants are stretched by the same factor.
-            stretch = np.exp(SPREADS[number % len(SPREADS)] * rng.standard_normal(n))
-            stretch = np.where(poles.imag != 0.0, stretch[0], stretch)
-            moved = np.exp(np.log(np.where(poles == 0.0, 1e-6, poles)) * stretch)
-            start = best.point.copy()
-            start[:n] = np.real(np.poly(moved))[1:]
-            linear = np.arange(start.size) >= n
-            end = minimise(chain, data, start, WHITE, free=linear, iterations=2)
-            end = None if end is None else minimise(chain, data, end.point, WHITE)
-            if end is not None:
-                ends.append(end)
-        ends.sort(key=lambda end: end.cost)
-        agree = [end for end in ends[1:] if end.cost <= ends[0].cost * (1.0 + AGREEMENT)]
-        return ends[0], bool(agree)
+        rng, ends = np.random.default_rng(RESTART_SEED), [best]
+        for _ in range(2):
+            # Where the best of the first searches stands alone, more set out from there.
+            for spread in (SPREADS[number % len(SPREADS)] for number in range(RESTARTS)):
+                end = self._from_moved_poles(chain, data, ends[0].point, spread, rng)
+                if end is not None:
+                    ends.append(end)
+            ends.sort(key=lambda end: end.cost)
+            if _found_again(ends):
+                break
+        return ends[0], _found_again(ends)
+
+    def _from_moved_poles(
+        self, chain: Chain, data: Data, point: Floats, spread: float, rng: np.random.Generator
+    ) -> Minimum | None:
+        """Search from poles whose time constants are stretched at random, conjugate ones alike."""
+        n = self.order
+        poles = np.roots(np.concatenate([[1.0], point[:n]])).astype(complex)
+        stretch = np.exp(spread * rng.standard_normal(n))
+        stretch = np.where(poles.imag != 0.0, stretch[0], stretch)
+        moved = np.exp(np.log(np.where(poles == 0.0, 1e-6, poles)) * stretch)
+        start = point.copy()
+        start[:n] = np.real(np.poly(moved))[1:]
+        linear = np.arange(start.size) >= n
+        end = minimise(chain, data, start, WHITE, free=linear, iterations=2)
+        return None if end is None else minimise(chain, data, end.point, WHITE)
 
     def directions(self, fit: StructureFit, effect: Effect) -> list[Floats]:
         """Return how an effect would change the free run of a fit, at a grid of its shapes."""
@@ -432,6 +442,11 @@ class LinearStructure:
             if cost < best * (1.0 - WORTHWHILE) ** 2:
                 best, chosen = cost, order
         return chosen
+
+
+def _found_again(ends: Sequence[Minimum]) -> bool:
+    """Tell whether a second of the searches ended at the least cost."""
+    return len(ends) > 1 and ends[1].cost <= ends[0].cost * (1.0 + AGREEMENT) ** 2
 
 
 def _too_many(choices: Sequence[Choice]) -> bool:

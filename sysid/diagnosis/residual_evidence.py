@@ -12,6 +12,21 @@ from sysid.diagnosis.structures import Structure, StructureFit, filtered
 
 WHITE = np.ones(1)
 SEEN_P_VALUE = 1e-2
+# Something is left when the probes, or held-out rows, find it with a chance below this.
+LEFT_P_VALUE = 1e-5
+# Held-out innovations larger than those of the search by this factor, beyond chance, show something else.
+DISAGREEMENT = 1.3
+# Then learning rows are cut into so many blocks, of which every third is held out: short ones, for what
+# happens within a block that is held out, such as a step of the gain, cannot be placed in it.
+INTERLEAVED = 30
+
+
+def interleaved(learning: Mask) -> tuple[Mask, Mask]:
+    """Return rows to search on and to hold out that take turns, so that each knows what the others show."""
+    place = np.cumsum(learning) - 1
+    block = place * INTERLEAVED // max(int(learning.sum()), 1)
+    held_out = learning & (block % 3 == 1)
+    return learning & ~held_out, held_out
 
 
 class Evidence:
@@ -67,6 +82,21 @@ class Evidence:
         before, after = (filtered(self._residual(fit), rows, colour) for fit in (baseline, final))
         gained = max(float(before @ before) - float(after @ after), 0.0)
         return left / max(left + gained, 1e-300)
+
+    def _rows_disagree(self, fit: StructureFit) -> bool:
+        """Tell whether held-out rows show what the rows of the search do not.
+
+        A change of the gain after the last of these, or a limit that they do not reach, is no matter of
+        chance on held-out rows, and no search on the others finds it.
+        """
+        from scipy.special import fdtrc
+
+        noise, residual = self._noise(fit).polynomial, self._residual(fit)
+        inside, outside = (filtered(residual, rows, noise) for rows in (self.rows, self.held_out))
+        if not inside.size or not outside.size:
+            return False
+        ratio = float(np.mean(outside**2)) / max(float(np.mean(inside**2)), 1e-300)
+        return ratio > DISAGREEMENT and float(fdtrc(outside.size, inside.size, ratio)) < LEFT_P_VALUE
 
     def _noise_accepted(self, fit: StructureFit, noise: Noise) -> bool:
         """Tell whether the residual's memory is real: on held-out rows it must lower the innovations."""
