@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -75,6 +76,26 @@ def test_a_hidden_effect_is_named_and_the_error_falls_to_the_noise(effect):
     assert after < 1.15 * noise
     assert found.ladder[1].removed > 0.95
     assert found.noise_floor == pytest.approx(noise, rel=0.1)
+
+
+class RefitsDiverge(LinearStructure):
+    """Fits in which a second one, from the point that was found, diverges under the test rows."""
+
+    def fit(self, choices, rows, noise, start, *, effort):
+        found = super().fit(choices, rows, noise, start, effort=effort)
+        if effort == 0 and choices:
+            test = self.record.split == "test"
+            found = replace(found, output=np.where(test, np.inf, found.output))
+        return found
+
+
+def test_a_refit_that_diverges_on_other_rows_is_not_taken():
+    record = record_of("quad_drag")
+    structure = RefitsDiverge(record, 2, initial_state="rest")
+    found = sysid.diagnose(record, model=structure, effects=["in_saturation", "quad_drag", "coloured_noise"])
+    assert found.accepted == ("quad_drag",)
+    assert np.isfinite(found.final.output).all()
+    assert 0.0 < found.noise_floor < found.ladder[1].scores["test"]["rmse"] * 1.2
 
 
 def test_nothing_missing_is_said_so():

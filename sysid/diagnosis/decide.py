@@ -12,7 +12,7 @@ from sysid.diagnosis.noise_colour import Noise
 from sysid.diagnosis.ranking import with_every_candidate
 from sysid.diagnosis.residual_evidence import LEFT_P_VALUE, WHITE, interleaved
 from sysid.diagnosis.structures import Structure, StructureFit, filtered
-from sysid.diagnosis.trials import POLISHED, Trials, usable
+from sysid.diagnosis.trials import POLISHED, Trials
 from sysid.progress import Progress
 
 NOISE_EFFECT = "coloured_noise"
@@ -92,7 +92,7 @@ class Search(Trials):
             assert settled.fit is not None
             noise = self._noise(settled.fit)
             fit = self.structure.fit(settled.fit.choices, self.rows, noise.polynomial, settled.fit, effort=0)
-            if not usable(fit):
+            if not fit.usable:
                 break
             settled = replace(settled, fit=fit, noise=noise)
         return settled
@@ -288,7 +288,7 @@ class Search(Trials):
             others = tuple(c for i, c in enumerate(fit.choices) if i != position)
             noise = self._colour(fit)
             without = self.structure.fit(others, self.rows, noise.polynomial, fit, effort=0)
-            if not usable(without):
+            if not without.usable:
                 continue
             options = [e for e in self.candidates if e.name not in without.names]
             statistics = self._screen(without, options, noise).statistics
@@ -312,7 +312,7 @@ class Search(Trials):
                 )
                 for left in fit.choices[n_given:]
             ]
-            criteria = [self._criterion(other, noise) if usable(other) else np.inf for other in smaller]
+            criteria = [self._criterion(other, noise) if other.usable else np.inf for other in smaller]
             best = smaller[int(np.argmin(criteria))]
             if min(criteria) > self._criterion(fit, noise):
                 break
@@ -413,5 +413,5 @@ class Search(Trials):
         if not fits or not self._noise_accepted(fits[-1], self._noise(fits[-1])):
             return fits
         plain = self.structure.fit(fits[-1].choices, self.rows, WHITE, fits[-1], effort=0)
-        remains = not np.isfinite(plain.cost) or self._noise_accepted(plain, self._noise(plain))
+        remains = not plain.usable or self._noise_accepted(plain, self._noise(plain))
         return fits if remains else [*fits[:-1], plain]

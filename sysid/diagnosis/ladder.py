@@ -140,6 +140,8 @@ def climb(
     finals = []
     for fit in estimates:
         final = structure.fit(fit.choices, record.learning, noise, fit, effort=0)
+        if not final.usable:  # under rows that neither fit has seen
+            final = fit
         own = noise_of(record.y[:, 0] - final.output, record.learning).polynomial if thin else noise
         finals.append(structure.finish(final, own))
     floor = decision.floor

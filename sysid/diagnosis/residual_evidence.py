@@ -51,7 +51,7 @@ class Evidence:
         tangent, probes = self.structure.tangent(final), self.structure.probes(final)
         noise = self._colour(final, tangent, probes, rows)
         weighted = self._refitted(final, noise)
-        if weighted is not final and np.isfinite(weighted.cost):
+        if weighted is not final and weighted.usable:
             # Far from the best fit under this colour, what its parameters could follow seems to be left.
             final = weighted
             tangent, probes = self.structure.tangent(final), self.structure.probes(final)

@@ -84,6 +84,11 @@ class StructureFit:
     status: str
 
     @property
+    def usable(self) -> bool:
+        """Whether the free run diverges under no input of the record."""
+        return bool(np.isfinite(self.cost) and np.isfinite(self.output).all())
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the effects."""
         return tuple(choice.name for choice in self.choices)

@@ -137,7 +137,7 @@ class Trials(Evidence):
                 continue
             choices = (*current.choices, Choice(effect, form))
             fit = self.structure.fit(choices, self.rows, noise.polynomial, current, effort=effort)
-            if not usable(fit):
+            if not fit.usable:
                 continue
             criterion = self._criterion(fit, noise)
             if criterion < best.criterion:
@@ -182,8 +182,3 @@ class Trials(Evidence):
         tangent = white(self.structure.tangent(current))
         rng = np.random.default_rng([self.seed, len(current.choices)])
         return score_screen(white(self._residual(current)), tangent, directions, noise.variance, rng)
-
-
-def usable(fit: StructureFit) -> bool:
-    """Tell whether a free run diverges under no input of the record."""
-    return bool(np.isfinite(fit.cost) and np.isfinite(fit.output).all())
