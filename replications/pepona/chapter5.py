@@ -54,7 +54,7 @@ def plan5(runs: int) -> Mapping[str, tuple[Task, int]]:
     half = runs // 2 if runs >= FEW else max(runs // 4, 3)
     cases: dict[str, tuple[Task, int]] = {}
     for case in EXAMPLES:
-        cases[case] = (ExampleRun(case), runs)
+        cases[case] = (ExampleRun(case), half)
         cases[f"{case}/k-plane"] = (StageRun(case, "k-plane"), half)
         slow = max(runs // 10, 2) if case == "5.3" else half
         cases[f"{case}/bounded-error"] = (StageRun(case, "bounded-error"), slow)

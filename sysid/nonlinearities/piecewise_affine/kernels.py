@@ -32,6 +32,44 @@ def fill_regions(z: Floats, separators: Floats, out: Labels) -> None:
 
 
 @compiled
+def fill_clusters(z: Floats, centres: Floats, rounds: int, nearest: Labels) -> float:
+    """Move centres to the means of their points, in place; fill the nearest, return the sum of squares.
+
+    It ends when nothing changes, or when a centre has lost all its points.
+    """
+    n, n_z = z.shape
+    count = centres.shape[0]
+    sums, sizes = np.zeros((count, n_z)), np.zeros(count)
+    total = 0.0
+    for _ in range(rounds):
+        sums[:] = 0.0
+        sizes[:] = 0.0
+        total, moved = 0.0, False
+        for k in range(n):
+            least, own = np.inf, 0
+            for i in range(count):
+                distance = 0.0
+                for j in range(n_z):
+                    distance += (z[k, j] - centres[i, j]) ** 2
+                if distance < least:
+                    least, own = distance, i
+            moved = moved or own != nearest[k]
+            nearest[k] = own
+            total += least
+            sizes[own] += 1.0
+            for j in range(n_z):
+                sums[own, j] += z[k, j]
+        if sizes.min() == 0.0:
+            break
+        for i in range(count):
+            for j in range(n_z):
+                centres[i, j] = sums[i, j] / sizes[i]
+        if not moved:
+            break
+    return total
+
+
+@compiled
 def fill_values(z: Floats, theta: Floats, modes: Labels, out: Floats) -> None:
     """Fill w, shape (n_points, n_w), of the submodels (modes, n_z + 1, n_w)."""
     n_z = z.shape[1]

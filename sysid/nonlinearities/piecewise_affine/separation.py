@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import UsageError
+from sysid.nonlinearities.piecewise_affine.kernels import fill_clusters
 from sysid.nonlinearities.piecewise_affine.points import regions_of
 
 Floats = NDArray[np.float64]
@@ -138,14 +139,9 @@ def _clusters(z: Floats, count: int, rng: np.random.Generator) -> Labels:
     """Part points by k-means, the best of a few starts; a cluster may be empty."""
     best, kept = np.inf, np.zeros(z.shape[0], dtype=np.intp)
     for _ in range(5):
-        centres = z[rng.choice(z.shape[0], min(count, z.shape[0]), replace=False)]
-        for _ in range(30):
-            distance = ((z[:, None, :] - centres) ** 2).sum(axis=2)
-            nearest = np.argmin(distance, axis=1)
-            if np.bincount(nearest, minlength=centres.shape[0]).min() == 0:
-                break
-            centres = np.array([z[nearest == i].mean(axis=0) for i in range(centres.shape[0])])
-        total = float(distance.min(axis=1).sum())
+        first = rng.choice(z.shape[0], min(count, z.shape[0]), replace=False)
+        nearest = np.zeros(z.shape[0], dtype=np.intp)
+        total = fill_clusters(z, z[first], 30, nearest)
         if total < best:
             best, kept = total, nearest
     return kept
