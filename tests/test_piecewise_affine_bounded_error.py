@@ -244,3 +244,12 @@ def test_more_runs_never_need_more_modes():
         modes_against_delta(z, w, [0.1], rng=seeded(), runs=0)
     with pytest.raises(UsageError, match="deltas are"):
         modes_against_delta(z, w, [0.0, 1.0], rng=seeded())
+
+
+def test_convex_gives_each_mode_one_region():
+    z = np.linspace(-1.0, 1.0, 300)
+    w = np.where(np.abs(z) > 0.4, 1.0 + z, -1.0)  # the first mode lies on both sides of the second
+    cut = bounded_error(z, w, 0.05, rng=seeded())
+    whole = bounded_error(z, w, 0.05, rng=seeded(), convex=True)
+    assert (cut.modes, cut.map.separators.shape[0], whole.map.separators.shape[0]) == (2, 3, 2)
+    assert "another mode's region" in whole.status

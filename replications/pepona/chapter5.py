@@ -43,6 +43,8 @@ from sysid.replication import Session
 
 FEW = 40
 """Below so many runs the comparison of map stages is cut to a quarter of them."""
+ENOUGH = 20
+"""Runs that the gates on bias and spread need."""
 LONG = 20_000
 """Samples at which the bias of the alternating scheme is shown."""
 PWARX = {"5.2/pwarx-0.4": ("5.2", 0.4), "5.2/pwarx-0.25": ("5.2", 0.25), "5.3/pwarx-0.5": ("5.3", 0.5)}
@@ -54,10 +56,9 @@ def plan5(runs: int) -> Mapping[str, tuple[Task, int]]:
     half = runs // 2 if runs >= FEW else max(runs // 4, 3)
     cases: dict[str, tuple[Task, int]] = {}
     for case in EXAMPLES:
-        cases[case] = (ExampleRun(case), half)
+        cases[case] = (ExampleRun(case), max(half, min(runs, ENOUGH)))
         cases[f"{case}/k-plane"] = (StageRun(case, "k-plane"), half)
-        slow = max(runs // 10, 2) if case == "5.3" else half
-        cases[f"{case}/bounded-error"] = (StageRun(case, "bounded-error"), slow)
+        cases[f"{case}/bounded-error"] = (StageRun(case, "bounded-error"), half)
         cases[f"{case}/threshold"] = (ThresholdRun(case), max(runs // 10, 5))
     for case in ("5.2", "5.3"):
         cases[f"{case}/long"] = (LongRun(case, LONG), max(runs // 25, 4))

@@ -42,6 +42,7 @@ def bounded_error(
     rounds: int = 20,
     separation: Separation = "linear-programming",
     polish: bool = False,
+    convex: bool = False,
 ) -> PiecewiseAffineFit:
     """Fit a piecewise affine map with as few submodels as a bound on the error allows.
 
@@ -78,6 +79,9 @@ def bounded_error(
         Beyond the procedure: then move the hyperplanes to where the squared errors, each up to the bound's,
         are least.  Undecided points count as well then, which helps where a jump is hardly more than the
         noise; at a kink it does not.
+    convex : bool
+        Whether each mode has one region, as in eq. (5.7), even where hyperplanes cannot part the modes;
+        otherwise such a mode is cut into several.
 
     Returns
     -------
@@ -113,7 +117,8 @@ def bounded_error(
     )
     theta, sure = found.theta, np.flatnonzero(found.labels >= 0)
     z_sure, labels_sure = np.ascontiguousarray(points.z[sure]), found.labels[sure]
-    rows, owners = separated(z_sure, labels_sure, theta.shape[0], separation, rng, tolerated=TOLERATED)
+    tolerated = 1.0 if convex else TOLERATED
+    rows, owners = separated(z_sure, labels_sure, theta.shape[0], separation, rng, tolerated)
     ways = directions(points, rng, CENTRING)
     if polish:
         rows = _polished(points, theta, rows, owners, delta / points.unit, ways)

@@ -33,6 +33,7 @@ class BoundedError:
     rounds: int = 20
     separation: Separation = "linear-programming"
     polish: bool = False
+    convex: bool = False
 
     def __call__(self, z: ArrayLike, w: ArrayLike, rng: np.random.Generator) -> PiecewiseAffineFit:
         """Fit a map to the points."""
@@ -49,6 +50,7 @@ class BoundedError:
             rounds=self.rounds,
             separation=self.separation,
             polish=self.polish,
+            convex=self.convex,
         )
 
 
