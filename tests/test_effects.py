@@ -56,13 +56,6 @@ def test_the_catalogue_holds_every_effect_with_its_story():
             assert all(parameter.meaning and parameter.unit for parameter in form.parameters)
 
 
-def test_an_extra_mode_rings():
-    (mode,) = find_effects(["extra_mode"])
-    (damping,) = (p for p in mode.forms[0].parameters if p.name == "damping")
-    peak = 1.0 / (2.0 * damping.maximum * np.sqrt(1.0 - damping.maximum**2))
-    assert peak > 1.5  # of a second-order system's gain, over that at rest
-
-
 def test_the_step_of_a_quantiser_is_read_off_the_values_it_shows():
     rng = np.random.default_rng(0)
     signal = 5.0 + np.cumsum(rng.standard_normal(1500)) / 20.0

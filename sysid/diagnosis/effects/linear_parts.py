@@ -4,10 +4,6 @@ import numpy as np
 
 from sysid.diagnosis.effects.base import Effect, EffectParameter, Floats, Form, Grid
 
-# A mode that rings no more is any second-order path: beside a plant of that order it makes one nonlinear
-# effect of another, a preload of a saturation.
-MOST_DAMPING = 0.3
-
 
 def _mode(u: Floats, p: Floats, period: float) -> Floats:
     from sysid.diagnosis.effects.maps import second_order
@@ -52,9 +48,7 @@ EFFECTS = (
                         Grid("rate", tuple(float(v) for v in np.geomspace(0.04, 3.0, 24))),
                         minimum=0.0,
                     ),
-                    EffectParameter(
-                        "damping", "1", "damping ratio", Grid("plain", (0.02, 0.1)), 0.0, MOST_DAMPING
-                    ),
+                    EffectParameter("damping", "1", "damping ratio", Grid("plain", (0.02, 0.1)), 0.0, 0.9),
                     EffectParameter("gain_1", "[y]/[u]", "numerator at one sample"),
                     EffectParameter("gain_2", "[y]/[u]", "numerator at two samples"),
                 ),
