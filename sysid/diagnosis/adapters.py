@@ -171,6 +171,11 @@ class Refitted:
     accepted: Any
 
     @property
+    def order(self) -> int:
+        """Number of states."""
+        return int(self.fit.order)
+
+    @property
     def converged(self) -> bool:
         """Whether both searches converged."""
         return bool(self.fit.converged and self.accepted.converged)
@@ -209,11 +214,6 @@ class PhysicalModel(Refitted):
     def subject(self) -> str:
         """Start of a sentence."""
         return f"The model {self.name}"
-
-    @property
-    def order(self) -> int:
-        """Number of states."""
-        return self.fit.order
 
     @property
     def period(self) -> float:

@@ -43,11 +43,6 @@ class BlackBox(Refitted):
     candidates: "tuple[Candidate, ...]" = ()
 
     @property
-    def order(self) -> int:
-        """Number of states."""
-        return self.fit.order
-
-    @property
     def period(self) -> float:
         """Sampling period [s]."""
         return self.fit.period

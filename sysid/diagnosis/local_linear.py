@@ -64,11 +64,6 @@ class LocalLinearModels(Refitted):
         return f"A mixture of {self.count} {ordinal(self.order)}-order local linear models"
 
     @property
-    def order(self) -> int:
-        """Number of states."""
-        return self.fit.order
-
-    @property
     def period(self) -> float:
         """Sampling period [s]."""
         return self.fit.period

@@ -63,11 +63,6 @@ class WienerHammersteinJudged(Refitted):
         return f"A Wiener-Hammerstein model of orders {n1} and {n2}"
 
     @property
-    def order(self) -> int:
-        """Number of states."""
-        return self.fit.order
-
-    @property
     def period(self) -> float:
         """Sampling period [s]."""
         return self.fit.period
