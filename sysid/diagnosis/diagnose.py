@@ -162,7 +162,7 @@ class Diagnosis:
 
     def write_predictions(self, path: "Path") -> None:
         """Write the predictions as CSV: k, measured, baseline, final."""
-        from sysid.diagnosis.command import write_text
+        from sysid.result_files import write_text
 
         columns = list(self.predictions().values())
         rows = ["k,measured,baseline,final"]
