@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from replications.pepona.chapter import claims_file
 from sysid.claims import read
@@ -128,12 +128,6 @@ def sorted_modes(map_: PiecewiseAffineMap) -> tuple[Floats, Floats]:
     h = map_.hyperplane
     theta = map_.theta[map_.owners]
     return (theta if h[-1] > 0 else theta[::-1]), h / h[-1]
-
-
-def noise_free_error(example: Example, model: PiecewiseLft, u: ArrayLike, y: ArrayLike) -> float:
-    """Return the RMS difference of the one-step predictions from those of the true system."""
-    first = example.structure.first
-    return float(np.sqrt(np.mean((model.one_step(u, y) - example.model.one_step(u, y))[first:] ** 2)))
 
 
 def printed_results() -> Mapping[str, tuple[str, str, float]]:

@@ -206,5 +206,4 @@ class Attempt:
             gain=noise.gain,
             p_value=evidence.memory_p_value(noise),
             validation=evidence.held_out_error(baseline, WHITE),
-            innovation=evidence.held_out_error(baseline, noise.polynomial),
         )

@@ -145,14 +145,12 @@ class Trials:
                 continue
             ratio = (base - evidence.cost(trial.fit, colour)) / variance
             by_fit = screen.fitted_p_value(ratio, trial.fit.n_parameters - current.n_parameters)
-            own = evidence.noise(trial.fit)
             found.append(
                 replace(
                     trial,
-                    noise=own,
+                    noise=evidence.noise(trial.fit),
                     p_value=min(screen.p_value(statistic), by_fit),
                     validation=evidence.held_out_error(trial.fit, WHITE),
-                    innovation=evidence.held_out_error(trial.fit, own.polynomial),
                 )
             )
         return tuple(found)
