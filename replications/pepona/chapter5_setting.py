@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from replications.pepona.chapter import claims_file
+from replications.paper import claims_of
 from sysid.claims import read
 from sysid.lft import PiecewiseLft, PiecewiseStructure
 from sysid.nonlinearities.piecewise_affine import PiecewiseAffineMap
@@ -133,7 +133,7 @@ def sorted_modes(map_: PiecewiseAffineMap) -> tuple[Floats, Floats]:
 def printed_results() -> Mapping[str, tuple[str, str, float]]:
     """Return the printed results of single experiments: case and column of our runs, and the value."""
     found = {}
-    for claim in read(claims_file()):
+    for claim in read(claims_of("pepona")):
         if claim.id.startswith("5.") and claim.tolerance["type"] == "monte-carlo-band":
             found[claim.id] = (*_cut(claim.number), float(claim.printed))
     return found
