@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from sysid.data import Record
 from sysid.diagnosis.adapters import Refitted
-from sysid.diagnosis.models import ParameterValue
+from sysid.diagnosis.fitted_model import ParameterValue
 from sysid.diagnosis.scores import finite
 from sysid.diagnosis.wording import ordinal
 from sysid.errors import UsageError
@@ -96,7 +96,7 @@ class BlackBox(Refitted):
 
 def black_box_names() -> tuple[str, ...]:
     """Return the names of these models."""
-    from sysid.diagnosis.models import WIENER_HAMMERSTEIN
+    from sysid.diagnosis.fitted_model import WIENER_HAMMERSTEIN
     from sysid.nonlinearities import NONLINEARITIES
 
     return (STATE_SPACE, *(f"{HAMMERSTEIN}{name}" for name in NONLINEARITIES), WIENER_HAMMERSTEIN)

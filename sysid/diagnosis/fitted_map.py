@@ -5,8 +5,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sysid.diagnosis.content import NORMAL_95
 from sysid.diagnosis.scores import finite
+from sysid.diagnosis.wording import NORMAL_95
 from sysid.linear.forms import Floats
 
 GRID = 200

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sysid.data import Record
 from sysid.diagnosis.adapters import Refitted
 from sysid.diagnosis.fitted_map import GRID, INNER, FittedMap, density_on, inner_range
-from sysid.diagnosis.models import ParameterValue
+from sysid.diagnosis.fitted_model import ParameterValue
 from sysid.diagnosis.residuals import CorrelationTest, whiteness
 from sysid.diagnosis.scores import finite
 from sysid.diagnosis.wording import percent, quantity

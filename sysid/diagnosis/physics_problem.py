@@ -9,7 +9,7 @@ from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics_laws import INNER, coefficients, lower_bound, typical_size
 from sysid.diagnosis.physics_setting import LARGEST_LOGARITHM, Setting
-from sysid.diagnosis.structures import Choice, filtered
+from sysid.diagnosis.structures import WHITE, Choice, StructureFit, filtered
 from sysid.physics.model import Parameter
 from sysid.separable.descent import Minimum, Residual, descend
 
@@ -238,6 +238,11 @@ class Problem:
                 negligible=tolerance,
                 max_evaluations=evaluations,
             )
+
+
+def problem_of(setting: Setting, fit: StructureFit, choices: Sequence[Choice] | None = None) -> Problem:
+    """Return the problem of a fit, or of the same rows with other effects."""
+    return Problem(setting, fit.choices if choices is None else choices, fit.rows, WHITE, COARSE_STEP)
 
 
 def finite(J: Floats) -> Floats:

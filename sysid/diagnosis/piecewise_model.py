@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sysid.data import Record
 from sysid.data.record import Mask
-from sysid.diagnosis.models import ParameterValue
+from sysid.diagnosis.fitted_model import ParameterValue
 from sysid.diagnosis.scores import finite
 from sysid.errors import DataError, ModelError, SysidError, UsageError
 from sysid.lft.alternating import fit_alternating

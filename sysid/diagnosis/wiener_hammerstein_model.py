@@ -9,12 +9,10 @@ import numpy as np
 
 from sysid.data import Record
 from sysid.diagnosis.adapters import Refitted
-from sysid.diagnosis.content import NORMAL_95
-from sysid.diagnosis.figures_blocks import BlockResponse
 from sysid.diagnosis.fitted_map import GRID, INNER, FittedMap, density_on, inner_range
-from sysid.diagnosis.models import WIENER_HAMMERSTEIN, ParameterValue
+from sysid.diagnosis.fitted_model import WIENER_HAMMERSTEIN, BlockResponse, ParameterValue
 from sysid.diagnosis.scores import finite
-from sysid.diagnosis.wording import percent, significant
+from sysid.diagnosis.wording import NORMAL_95, percent, significant
 from sysid.lft.wiener_hammerstein_choice import WienerHammersteinChoice, choose_wiener_hammerstein
 from sysid.lft.wiener_hammerstein_files import to_json
 from sysid.lft.wiener_hammerstein_fit import WienerHammersteinFit
