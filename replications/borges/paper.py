@@ -31,10 +31,8 @@ class Borges(ReplicatedPaper):
     title = "Separable least squares for composite local linear state-space models"
     citation = (
         "J. Borges (Instituto Superior Técnico, Lisbon), V. Verdult (Delft University of Technology), M. "
-        "Ayala Botto "
-        "(Lisbon), Efficient implementation of separable least squares for the identification of composite "
-        "local "
-        "linear state-space models, IFAC World Congress 2005"
+        "Ayala Botto (Lisbon), Efficient implementation of separable least squares for the identification of "
+        "composite local linear state-space models, IFAC World Congress 2005"
     )
     default_runs = 50
     smoke_runs = 6

@@ -202,8 +202,7 @@ def fit_piecewise_structure(
     if len(record.inputs) != 1 or len(record.outputs) != 1:
         raise DataError(
             f"the record has {len(record.inputs)} inputs and {len(record.outputs)} outputs: a piecewise "
-            f"affine "
-            "model takes one of each, choose them by --input and --output"
+            "affine model takes one of each, choose them by --input and --output"
         )
     structure = _structure(record, options)
     require_identifiable(structure)
@@ -295,8 +294,7 @@ def _segments(record: Record, chosen: Mask, structure: PiecewiseStructure) -> Se
     if not inputs:
         raise DataError(
             f"no stretch of estimation rows is longer than the {structure.first} samples the model looks "
-            f"back: "
-            "give a longer record or shorter lags"
+            "back: give a longer record or shorter lags"
         )
     return inputs, outputs
 
