@@ -76,9 +76,26 @@ class Trials(Evidence):
         # A family whose fits are cheap may ask for more of them than the screen would let through.
         count: int = getattr(self.structure, "screened", SCREENED)
         count = min(count, most) if further else count
-        trials = self._trials(current, ranking[:count], colour)
-        left = [Trial(e.name, None, Noise(WHITE, 0.0, 0.0), np.inf, -np.inf) for e in ranking[count:]]
+        chosen = [e for i, e in enumerate(ranking) if i < count or self._without_slope(e, current)]
+        trials = self._trials(current, chosen, colour)
+        left = [
+            Trial(e.name, None, Noise(WHITE, 0.0, 0.0), np.inf, -np.inf) for e in ranking if e not in chosen
+        ]
         return self._judged(current, [*trials, *left], screen, colour)
+
+    def _without_slope(self, effect: Effect, current: StructureFit) -> bool:
+        """Tell whether a score says nothing of an effect that the measured output allows.
+
+        A map without parameters, such as a rectifier, cannot be small: where it folds the signal over, the
+        model without it follows nothing, and the slope there is blind.
+        """
+        left = self._cost(current, Noise(WHITE, 0.0, 0.0))
+        y = self.y[self.rows & np.isfinite(self.y)]
+        return any(
+            not form.parameters and float(np.sum(np.minimum(y - form.lowest, 0.0) ** 2)) < left
+            for form in effect.forms
+            if np.isfinite(form.lowest)
+        )
 
     def _trials(self, current: StructureFit, candidates: Sequence[Effect], noise: Noise) -> list[Trial]:
         """Fit the candidates, the better ones with more care; return them best first."""
