@@ -7,8 +7,8 @@ from sysid.diagnosis.levenberg import minimise
 from sysid.diagnosis.linear_chain import Chain, Data
 from sysid.diagnosis.linear_kernels import is_stable, simulate
 from sysid.diagnosis.sign_retrieval import retrieved_signs
+from sysid.diagnosis.structures import WHITE
 
-WHITE = np.ones(1)
 RETRIEVALS = 6
 REFILTERED = 4
 
