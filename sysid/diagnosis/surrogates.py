@@ -21,7 +21,7 @@ BURN_IN = 2_000
 
 
 @dataclass(frozen=True)
-class Evidence:
+class Contrasts:
     """What one statistic says about the regions of one division.
 
     Attributes
@@ -131,7 +131,7 @@ def newly_arising(series: Series, length: int) -> tuple[Floats, NDArray[np.int64
 
 def examine(
     series: Series, divisions: Sequence[Division], progress: Callable[[int, int], None] | None
-) -> tuple[Evidence, ...]:
+) -> tuple[Contrasts, ...]:
     """Compare the regions of all divisions, by the free-run error and by what newly arises.
 
     The null hypothesis is an autoregressive series whose innovations are drawn independently of
@@ -149,7 +149,7 @@ def examine(
 
     Returns
     -------
-    tuple of Evidence
+    tuple of Contrasts
         The evidence of free-run shares, one a division, comes first.
     """
     views = [_free_view(series, divisions)]
@@ -182,7 +182,7 @@ def _sides(view: _View) -> tuple[Floats, Floats]:
     return np.zeros(count), np.ones(count if view.measure == "new" else 0)
 
 
-def _evidence(views: list[_View], raw: Floats, z: Floats, p_values: Floats) -> tuple[Evidence, ...]:
+def _evidence(views: list[_View], raw: Floats, z: Floats, p_values: Floats) -> tuple[Contrasts, ...]:
     found, place = [], 0
     for view in views:
         squared = (view.values if view.measure == "free" else view.innovations) ** 2
@@ -193,7 +193,7 @@ def _evidence(views: list[_View], raw: Floats, z: Floats, p_values: Floats) -> t
                 pull = raw[part] if statistic == "pull" else np.zeros(len(division.regions))
                 original = division.source or division
                 found.append(
-                    Evidence(
+                    Contrasts(
                         original,
                         view.measure,
                         statistic,
