@@ -99,8 +99,8 @@ class LinearModel:
         found = []
         if not self.restarts_agree:
             found.append(
-                "Searches for the linear model from different starts ended at different errors: another "
-                "model of the same order may do better; compare other orders with --order."
+                "Searches for the linear model from different starts ended at different errors or outputs: "
+                "another model of the same order may do better; compare other orders with --order."
             )
         if not self.converged:
             found.append(f"The fit of the linear model did not converge: {self.status}.")

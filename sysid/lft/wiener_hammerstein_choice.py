@@ -21,7 +21,8 @@ from sysid.lft.wiener_hammerstein_model import WienerHammerstein
 from sysid.lft.wiener_hammerstein_search import COARSE_STEP, LEADING_ROWS, Found, Screening, refine, search
 from sysid.lft.wiener_hammerstein_start import run_from
 from sysid.linear.forms import Floats
-from sysid.linear.output_error import make_segments, shortened
+from sysid.linear.output_error import make_segments
+from sysid.linear.restarts import shortened
 from sysid.linear.selection import PRACTICAL_SHARE, VALIDATION_BLOCKS, standard_error
 from sysid.linear.simulation import first_rows
 from sysid.nonlinearities.spline import Extrapolation
