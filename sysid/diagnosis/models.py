@@ -267,7 +267,8 @@ def fit_model(
     A physical model is searched on the estimation rows from many starts; the refit with the
     validation rows goes on from there.
     """
-    from sysid.diagnosis.adapters import LinearModel, PhysicalModel
+    from sysid.diagnosis.adapters import LinearModel
+    from sysid.diagnosis.physical_fit import fit_physical
 
     if model is None:
         from sysid.linear.selection import choose_output_error
@@ -297,24 +298,11 @@ def fit_model(
             initial_state=initial_state,
             progress=progress,
         )
-    from sysid.physics import fit_physics
-
     if delay is not None or constant is not None:
         raise UsageError(
             f"delay and constant belong to the linear model: {model.name!r} has parameters instead"
         )
-
-    def part(first: int) -> Callable[[int, int], None] | None:
-        return progress and (lambda done, total: progress(100 * first + 100 * done // total, 200))
-
-    accepted = fit_physics(
-        record, model, initial_state=initial_state, rows=record.estimation, progress=part(0)
-    )
-    near = {name: accepted.values[name] for name in accepted.names}
-    fit = fit_physics(record, model, start=near, initial_state=initial_state, progress=part(1))
-    if progress is not None:
-        progress(200, 200)
-    return PhysicalModel(fit, accepted)
+    return fit_physical(record, model, initial_state, progress)
 
 
 def _wiener_hammerstein(
