@@ -96,10 +96,9 @@ class BlackBox(Refitted):
 
 def black_box_names() -> tuple[str, ...]:
     """Return the names of these models."""
-    from sysid.diagnosis.models import WIENER_HAMMERSTEIN
     from sysid.nonlinearities import NONLINEARITIES
 
-    return (STATE_SPACE, *(f"{HAMMERSTEIN}{name}" for name in NONLINEARITIES), WIENER_HAMMERSTEIN)
+    return (STATE_SPACE, *(f"{HAMMERSTEIN}{name}" for name in NONLINEARITIES))
 
 
 def fit_black_box(

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 from sysid.data import Record
+from sysid.diagnosis.block_models import block_model_names, find_block_model
 from sysid.errors import UsageError
 
 if TYPE_CHECKING:
@@ -197,7 +198,8 @@ def resolve_model(
     ----------
     model : str, Path or Model
         ``"linear"``, ``"state-space"``, ``"hammerstein-..."`` with the name of a map,
-        ``"wiener-hammerstein"``, ``"local-linear"``, the name of a physical model, a TOML file, or a model.
+        ``"hammerstein"``, ``"wiener"``, ``"wiener-hammerstein"``, ``"lft"``, ``"piecewise-affine"``,
+        ``"local-linear"``, the name of a physical model, a TOML file, or a model.
     order : int, optional
     start, fixed : mapping of str to float, optional
 
@@ -245,8 +247,8 @@ def _black_boxes(model: str | Path) -> tuple[str, ...]:
         from sysid.diagnosis.local_linear import LOCAL_LINEAR, is_local_linear
 
         return (str(model) if is_local_linear(str(model)) else LOCAL_LINEAR,)
-    if not str(model).startswith(("state", "hammerstein", "wiener")):
-        return ("state-space", "hammerstein-<map>", "wiener-hammerstein", "local-linear")
+    if not str(model).startswith(("state", "hammerstein-")):
+        return ("state-space", "hammerstein-<map>", *block_model_names(), "local-linear")
     from sysid.diagnosis.black_boxes import black_box_names
 
     return black_box_names()
@@ -282,8 +284,10 @@ def fit_model(
             progress=progress,
         )
         return LinearModel(choice, dict(record.units))
-    if model == WIENER_HAMMERSTEIN:
-        return _wiener_hammerstein(record, order, delay, constant, initial_state, progress)
+    if isinstance(model, str) and (block := find_block_model(model)) is not None:
+        if constant is not None:
+            raise UsageError(f"constant belongs to the linear model: the map of a {model} model has its own")
+        return block.fit(record, order, delay, initial_state, progress)
     if isinstance(model, str):
         from sysid.diagnosis.black_boxes import fit_black_box
         from sysid.diagnosis.local_linear import fit_local_models, is_local_linear
@@ -303,23 +307,3 @@ def fit_model(
             f"delay and constant belong to the linear model: {model.name!r} has parameters instead"
         )
     return fit_physical(record, model, initial_state, progress)
-
-
-def _wiener_hammerstein(
-    record: Record,
-    order: int | None,
-    delay: int | None,
-    constant: bool | None,
-    initial_state: str,
-    progress: Callable[[int, int], None] | None,
-) -> FittedModel:
-    """Fit a Wiener-Hammerstein model; an order that is given is that of each of its blocks."""
-    from sysid.diagnosis.wiener_hammerstein_model import fit_wiener_hammerstein_structure
-
-    if constant is not None:
-        raise UsageError(
-            "constant belongs to the linear model: the map of a Wiener-Hammerstein model has its own"
-        )
-    given = {"orders": None if order is None else (order, order), "delay": delay}
-    options = {name: value for name, value in given.items() if value is not None}
-    return fit_wiener_hammerstein_structure(record, options, initial_state=initial_state, progress=progress)

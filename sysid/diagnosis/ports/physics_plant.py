@@ -128,6 +128,13 @@ class PhysicsPlant:
         dB, dC = d.B_slopes * chain[:, np.newaxis, np.newaxis], d.C_slopes[:, 0] * scale
         dA, dD = d.A_slopes * chain[:, np.newaxis, np.newaxis], d.D_slopes[:, 0, kept] * scale
         dE = dB[:, :, held].sum(axis=-1)
+        if self.smooth and port.kind == "input":
+            # The map's output goes straight from s(k) to s(k+1): x(k+1) = A x + E0 s(k) + E1 s(k+1) is
+            # E = E0 + A E1, G = G + C E1 for the state x(k) - E1 s(k).
+            late = (np.arange(PIECES) + 0.5) / PIECES
+            E1, dE1 = d.B[:, held] @ late, dB[:, :, held] @ late
+            E, dE = E - E1 + d.A @ E1, dE - dE1 + dA @ E1 + dE1 @ d.A.T
+            G, dG = G + float(d.C[0] @ E1), dG + dC @ E1 + dE1 @ d.C[0]
         return Matrices(
             (d.A, np.ascontiguousarray(d.B[:, kept]), d.C[0].copy(), d.D[0, kept], E, G, H, K),
             (dA, np.ascontiguousarray(dB[:, :, kept]), dC, dD, dE, dG, dH, dK),
