@@ -10,6 +10,7 @@ from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics_laws import INNER, coefficients, lower_bound, typical_size
 from sysid.diagnosis.physics_setting import LARGEST_LOGARITHM, Setting
 from sysid.diagnosis.structures import WHITE, Choice, StructureFit, filtered
+from sysid.diagnosis.whitening import opening
 from sysid.physics.model import Parameter
 from sysid.separable.descent import Minimum, Residual, descend
 
@@ -194,6 +195,9 @@ class Problem:
                     out[:, run.start + lag : run.stop] += (
                         self.noise[lag] * outputs[:, run.start : run.stop - lag]
                     )
+                count = min(self.noise.size - 1, run.stop - run.start)
+                first = slice(run.start, run.start + count)
+                out[:, first] = outputs[:, first] @ opening(self.noise)[:count, :count].T
         return np.asarray(out - self.target)
 
     def residual(self, point: Floats) -> Floats:
