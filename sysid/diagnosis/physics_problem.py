@@ -235,7 +235,7 @@ class Problem:
     def _applied(self, effect: int, signal: Floats, parameters: Floats) -> Floats:
         apply = self.choices[effect].form.apply
         assert apply is not None
-        return apply(np.ascontiguousarray(signal), parameters, self.setting.record.period)
+        return apply(np.require(signal, requirements=["C", "W"]), parameters, self.setting.record.period)
 
     def errors(self, points: Floats, *, rounded: bool = True) -> Floats:
         """Return the filtered residual of several points, shape (lanes, n_rows)."""
