@@ -2,7 +2,7 @@
 
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TextIO
@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING, TextIO
 if TYPE_CHECKING:
     from rich.progress import Progress as Bars
     from rich.progress import TaskID
+
+# Called with the number of steps done and to do.
+Callback = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -143,3 +146,23 @@ def _rich_bars(stream: TextIO, force: bool) -> "Bars":
         transient=True,
         refresh_per_second=5,
     )
+
+
+def percent_of(bar: ProgressTask) -> Callback:
+    """Return a callback that moves a bar of 100 steps to the share that is done."""
+    shown = 0
+
+    def move(done: int, total: int) -> None:
+        nonlocal shown
+        now = 100 * done // max(total, 1)
+        bar.advance(now - shown)
+        shown = now
+
+    return move
+
+
+def part_of(progress: Callback | None, first: int, last: int) -> Callback | None:
+    """Return a callback that moves from one percentage to another."""
+    if progress is None:
+        return None
+    return lambda done, total: progress(first + (last - first) * done // max(total, 1), 100)

@@ -8,8 +8,8 @@ from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.levenberg import minimise
 from sysid.diagnosis.linear_chain import Chain, Data
 from sysid.diagnosis.linear_kernels import chosen_filtered, is_stable
-from sysid.diagnosis.linear_structure import WHITE, LinearStructure
-from sysid.diagnosis.structures import Choice, filtered
+from sysid.diagnosis.linear_structure import LinearStructure
+from sysid.diagnosis.structures import WHITE, Choice, filtered
 
 A, B = np.array([-1.4, 0.6]), np.array([0.3, -0.1])
 

@@ -9,8 +9,10 @@ from sysid.data import make_record, read_record
 from sysid.demonstration.effects import Hidden, inside, map_input, map_output
 from sysid.demonstration.plants import Plant
 from sysid.diagnosis.effects import catalogue, find_effects
+from sysid.diagnosis.physics_free_run import runs
+from sysid.diagnosis.physics_hold import band_limited
 from sysid.diagnosis.physics_problem import Problem
-from sysid.diagnosis.physics_structure import PhysicsStructure, band_limited
+from sysid.diagnosis.physics_structure import PhysicsStructure
 from sysid.diagnosis.structures import Choice, filtered
 from sysid.errors import IdentifiabilityError
 from sysid.physics import load_model
@@ -165,9 +167,9 @@ def test_directions_tangent_and_probes_have_a_row_for_each_sample():
     small = baseline.point.copy()
     problem = found.problem_of(baseline, [choice("cubic_stiffness")])
     points = np.array([np.append(small, 0.0), np.append(small, 1e-4)])
-    runs = found.runs(problem, points)
+    first, second = runs(problem, points)
     # The direction is the derivative by the strength: a difference quotient of another step.
-    change = (runs[1] - runs[0]) / 1e-4
+    change = (second - first) / 1e-4
     assert np.allclose(direction[:, 0], change, atol=2e-3 * np.abs(change).max())
     assert found.tangent(baseline).shape == (ROWS.size, 3)
     assert np.isfinite(found.probes(baseline)).all()

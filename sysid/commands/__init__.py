@@ -3,17 +3,18 @@
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 
 from sysid.commands import (
+    compare_arguments,
     data_arguments,
     demo_arguments,
+    diagnose_arguments,
     effects_arguments,
     fit_arguments,
     models_arguments,
     replicate_arguments,
 )
-from sysid.diagnosis import command as compare
-from sysid.diagnosis import diagnose_command as diagnose
 
 Run = Callable[[argparse.Namespace], int]
 
@@ -27,43 +28,11 @@ class Command:
     description: str
     example: str
     add_arguments: Callable[[argparse.ArgumentParser], None]
-    load: Callable[[], Run]
 
-
-def _replicate() -> Run:
-    from sysid.commands.replicate import run
-
-    return run
-
-
-def _data() -> Run:
-    from sysid.commands.data import run
-
-    return run
-
-
-def _models() -> Run:
-    from sysid.commands.models import run
-
-    return run
-
-
-def _demo() -> Run:
-    from sysid.commands.demo import run
-
-    return run
-
-
-def _effects() -> Run:
-    from sysid.commands.effects import run
-
-    return run
-
-
-def _fit() -> Run:
-    from sysid.commands.fit import run
-
-    return run
+    def load(self) -> Run:
+        """Return what does the work, from the module of the command's name."""
+        run: Run = import_module(f"sysid.commands.{self.name}").run
+        return run
 
 
 COMMANDS = (
@@ -73,23 +42,21 @@ COMMANDS = (
         "Regenerate the tables and figures of papers, check them against gates, write HTML and PDF reports.",
         "sysid replicate bai --runs 1000 --jobs 2 --out replication --format html,pdf",
         replicate_arguments.add,
-        _replicate,
     ),
     Command(
         "compare",
-        compare.HELP,
+        "compare a model with measurements on held-out data",
         "Fit a model on the estimation rows of a measurement file, judge its free run on held-out rows.",
         "sysid compare motor.csv --input u --output y --period 0.01 --split-column set",
-        compare.add_arguments,
-        lambda: compare.run,
+        compare_arguments.add,
     ),
     Command(
         "diagnose",
-        diagnose.HELP,
-        diagnose.DESCRIPTION,
-        diagnose.EXAMPLE,
-        diagnose.add_arguments,
-        lambda: diagnose.run,
+        "learn which physical effect a model lacks, and add it",
+        "Fit a model on the estimation rows of a measurement file, name the physical effect it lacks, add it "
+        "where all evidence agrees, and show the free-run error fall.",
+        "sysid diagnose motor.csv --model dc-motor --period 0.01 --split-column set --json motor.json",
+        diagnose_arguments.add,
     ),
     Command(
         "fit",
@@ -98,7 +65,6 @@ COMMANDS = (
         "judge its free run on held-out rows, show the map.",
         "sysid fit motor.csv --structure lft --period 0.01 --split-column set --save motor.json",
         fit_arguments.add,
-        _fit,
     ),
     Command(
         "data",
@@ -107,7 +73,6 @@ COMMANDS = (
         "<name>/<name>.csv[.gz] with <name>.json beside it.",
         "sysid data info emps",
         data_arguments.add,
-        _data,
     ),
     Command(
         "models",
@@ -115,7 +80,6 @@ COMMANDS = (
         "List physical models: equations, states, inputs and parameters with unit, start value and range.",
         "sysid models dc-motor",
         models_arguments.add,
-        _models,
     ),
     Command(
         "effects",
@@ -124,7 +88,6 @@ COMMANDS = (
         "equation, signature, look-alikes, parameters.",
         "sysid effects coulomb in_backlash",
         effects_arguments.add,
-        _effects,
     ),
     Command(
         "demo",
@@ -132,6 +95,5 @@ COMMANDS = (
         "Make a record of a plant that has more in it than its model; what it is stays sealed till --reveal.",
         "sysid demo --out demo --seed 1",
         demo_arguments.add,
-        _demo,
     ),
 )

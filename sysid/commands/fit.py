@@ -4,14 +4,13 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sysid.commands.comparison_tables import print_comparison
 from sysid.commands.fit_arguments import destination, structure_options
 from sysid.commands.fit_structures import find_structure
-from sysid.diagnosis.command import (
+from sysid.commands.record_options import read_described
+from sysid.result_files import (
     DEFAULT_FOLDER,
     check_results,
-    percent_of,
-    print_comparison,
-    read_data,
     stem_of,
     to_json_text,
     write_result,
@@ -19,15 +18,15 @@ from sysid.diagnosis.command import (
 )
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.compare import Comparison
+    from sysid.diagnosis.comparison import Comparison
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run `sysid fit`; errors of use and of data are raised as `SysidError`."""
     from threadpoolctl import threadpool_limits
 
-    from sysid.diagnosis.compare import FITTING_SHARE, judge, part_of
-    from sysid.progress import progress
+    from sysid.diagnosis.judge import FITTING_SHARE, judge
+    from sysid.progress import part_of, percent_of, progress
 
     structure = find_structure(arguments.structure)
     options = structure.read_options(_given(arguments))  # before a long file is read
@@ -40,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
         "Predictions": arguments.predictions,
     }
     check_results([path for path in results.values() if path is not None], arguments.data)
-    record = read_data(arguments)
+    record = read_described(arguments)
     # All products are of one long row: a second thread would only wait, and take the time of others.
     with threadpool_limits(1), progress() as bars:
         with bars.task(f"{structure.name} model of {record.name}", total=100) as bar:

@@ -4,13 +4,13 @@ import argparse
 from pathlib import Path
 
 from sysid.commands.fit_structures import STRUCTURES, Option
-from sysid.diagnosis.command import add_data_arguments
+from sysid.commands.record_options import add_record_options
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Add the options of `sysid fit`; those of several structures stand once."""
     parser.formatter_class = argparse.HelpFormatter  # the defaults worth telling are in the help texts
-    add_data_arguments(parser)
+    add_record_options(parser)
     group = parser.add_argument_group("structure")
     group.add_argument(
         "--structure",

@@ -2,8 +2,7 @@
 
 from collections.abc import Sequence
 
-from sysid.diagnosis.decide import NOISE_EFFECT
-from sysid.diagnosis.decision import Decision
+from sysid.diagnosis.decision import NOISE_EFFECT, Decision
 from sysid.diagnosis.experiment import Responding, separating_experiment
 from sysid.diagnosis.structures import Structure
 from sysid.diagnosis.wording import percent

@@ -10,7 +10,7 @@ from sysid.diagnosis.summary import spoken
 from sysid.diagnosis.wording import percent, quantity, significant
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.compare import Comparison
+    from sysid.diagnosis.comparison import Comparison
     from sysid.diagnosis.figures import Picture
     from sysid.diagnosis.scores import SetScore
 

@@ -7,6 +7,9 @@ import numpy as np
 from sysid.diagnosis.noise_colour import Noise
 from sysid.diagnosis.structures import StructureFit
 
+# The memory of the noise is a candidate beside the effects.
+NOISE_EFFECT = "coloured_noise"
+
 
 @dataclass(frozen=True, eq=False)
 class Trial:
@@ -81,3 +84,8 @@ class Decision:
     floor: float
     rejected: tuple[str, ...] = ()
     given: tuple[str, ...] = ()
+
+    @property
+    def final(self) -> StructureFit:
+        """The model with all effects that were kept; the baseline if none was."""
+        return self.fits[-1] if self.fits else self.baseline

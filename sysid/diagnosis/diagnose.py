@@ -11,14 +11,15 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.advice import advise
-from sysid.diagnosis.decide import NOISE_EFFECT, Search
-from sysid.diagnosis.decision import Decision, Trial
+from sysid.diagnosis.decide import Search
+from sysid.diagnosis.decision import NOISE_EFFECT, Decision, Trial
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
 from sysid.diagnosis.ladder import DiagnosedModel, Rung, climb, parameters_json
 from sysid.diagnosis.long_records import LONGEST, Portable, carried, rows_for_one, shortened, thinned
+from sysid.diagnosis.rungs import rungs_of
 from sysid.diagnosis.scores import finite
-from sysid.diagnosis.structures import Structure, StructureFit
+from sysid.diagnosis.structures import WHITE, Structure, StructureFit
 from sysid.errors import UsageError
 from sysid.progress import progress as bars_of
 
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from sysid.diagnosis.ports import PortCurve
     from sysid.diagnosis.where import Finding
 
-WHITE = np.ones(1)
 MOST_EFFECTS = 3
 ALPHA = 0.01
 
@@ -162,7 +162,7 @@ class Diagnosis:
 
     def write_predictions(self, path: "Path") -> None:
         """Write the predictions as CSV: k, measured, baseline, final."""
-        from sysid.diagnosis.command import write_text
+        from sysid.result_files import write_text
 
         columns = list(self.predictions().values())
         rows = ["k,measured,baseline,final"]
@@ -271,7 +271,7 @@ def diagnose(
         )  # fmt: skip
         decision = search.decide()
     kept = _kept(decision, accept)
-    estimates = [decision.baseline, *search.rungs_of(decision, kept)]
+    estimates = [decision.baseline, *rungs_of(structure, decision, kept)]
     whole: Structure = structure
     if long and isinstance(structure, Portable):
         whole = structure.on(record)

@@ -175,7 +175,7 @@ def saved_model(model: DiagnosedModel) -> SavedModel | SavedPhysicalModel:
 
 def save(model: DiagnosedModel, path: Path) -> None:
     """Save a model by the ending of the file: ``.json``, ``.toml``, or ``.py`` (NumPy alone)."""
-    from sysid.diagnosis.command import write_text
+    from sysid.result_files import write_text
 
     check_ending(path)
     saved = saved_model(model)

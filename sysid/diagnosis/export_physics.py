@@ -11,7 +11,9 @@ from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.effects.catalogue import find_effects
 from sysid.diagnosis.ladder import DiagnosedModel
 from sysid.diagnosis.physics_laws import INNER, SWITCHES, coefficients, with_level
-from sysid.diagnosis.physics_structure import COARSE_STEP, PhysicsStructure, Plant
+from sysid.diagnosis.physics_problem import COARSE_STEP
+from sysid.diagnosis.physics_setting import Plant
+from sysid.diagnosis.physics_structure import PhysicsStructure
 from sysid.diagnosis.structures import Choice
 from sysid.errors import ModelError
 from sysid.physics.forced import ForcedPlant

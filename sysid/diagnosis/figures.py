@@ -13,7 +13,7 @@ from sysid.diagnosis.wording import quantity, significant
 from sysid.reporting.style import COLOURS, GREY, LINE_STYLES, series, style, subplots, svg
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.compare import Comparison
+    from sysid.diagnosis.comparison import Comparison
     from sysid.diagnosis.models import FittedModel, PortView
     from sysid.linear.forms import Floats
 

@@ -9,7 +9,7 @@ from sysid.diagnosis.wording import ordinal, quantity
 from sysid.reporting.style import COLOURS, GREY, MARKERS, series, subplots
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.compare import Comparison
+    from sysid.diagnosis.comparison import Comparison
     from sysid.linear.forms import Floats
 
 

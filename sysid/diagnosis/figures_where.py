@@ -12,7 +12,7 @@ from sysid.diagnosis.wording import percent, quantity, significant
 from sysid.reporting.style import COLOURS, GREY, subplots
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.compare import Comparison
+    from sysid.diagnosis.comparison import Comparison
     from sysid.linear.forms import Floats
 
 PANEL_HEIGHT = 2.15

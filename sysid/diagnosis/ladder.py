@@ -7,17 +7,16 @@ from typing import Any
 import numpy as np
 
 from sysid.data import Record
-from sysid.diagnosis.decide import TIED
+from sysid.diagnosis.acceptance import TIED
 from sysid.diagnosis.decision import Decision
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
 from sysid.diagnosis.evidence import block_separation
 from sysid.diagnosis.noise_colour import noise_of
 from sysid.diagnosis.scores import finite, nrmse_interval, score
-from sysid.diagnosis.structures import Choice, FittedParameter, Structure, StructureFit
+from sysid.diagnosis.structures import WHITE, Choice, FittedParameter, Structure, StructureFit
 from sysid.errors import UsageError
 
-WHITE = np.ones(1)
 # The finest search of an effect that is added by hand.
 FINE = 2
 

@@ -24,7 +24,8 @@ from sysid.errors import UsageError
 STEP = 1e-5
 LEAST_FELT = 1e-6
 LEAST_SHAPE = 1e-6
-MOST_DRIVES = 2
+# Ports of effects that act within the equation; the compiled run takes so many.
+DRIVING, MOST_DRIVES = ("force", "gain"), 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +93,8 @@ class Chain:
         self.order, self.choices = order, tuple(choices)
         self.constant, self.free_start = constant, free_start
         self.at = {port: [i for i, c in enumerate(choices) if c.effect.port == port] for port in _PORTS}
-        drives = [i for i, c in enumerate(choices) if c.effect.port in ("force", "gain")]
-        if len(drives) > MOST_DRIVES:
+        drives = [i for i, c in enumerate(choices) if c.effect.port in DRIVING]
+        if too_many_drives(choices):
             raise UsageError(
                 f"{len(drives)} forces are asked for in a linear model: take at most {MOST_DRIVES}"
             )
@@ -309,6 +310,11 @@ class Chain:
         if noise.size == 1 and data.all_used:
             return lines
         return np.asarray(chosen_filtered(lines, data.used, data.begin, noise))
+
+
+def too_many_drives(choices: Sequence[Choice]) -> bool:
+    """Tell whether more effects act within the equation than the compiled run takes."""
+    return sum(choice.effect.port in DRIVING for choice in choices) > MOST_DRIVES
 
 
 _PORTS = ("input", "output", "force", "gain", "parallel", "noise")

@@ -6,8 +6,8 @@ from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.levenberg import minimise
 from sysid.diagnosis.linear_chain import Chain, Data
 from sysid.diagnosis.linear_kernels import is_stable, simulate
+from sysid.diagnosis.structures import WHITE
 
-WHITE = np.ones(1)
 RETRIEVALS = 6
 REFILTERED = 4
 

@@ -8,27 +8,25 @@ import numpy as np
 
 from sysid.data import Record
 from sysid.data.record import Mask
-from sysid.diagnosis.effects.base import Effect, EffectParameter, Floats
+from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.levenberg import Minimum, minimise
-from sysid.diagnosis.linear_chain import MOST_DRIVES, Chain, Data
+from sysid.diagnosis.linear_chain import MOST_DRIVES, Chain, Data, too_many_drives
+from sysid.diagnosis.linear_directions import directions_of
+from sysid.diagnosis.linear_free_run import free_run
+from sysid.diagnosis.linear_parameters import equation_text, named_parameters, standard_errors
 from sysid.diagnosis.linear_probes import probe_directions
+from sysid.diagnosis.linear_restarts import AGREEMENT, restarted
+from sysid.diagnosis.linear_rows import data_of, for_search, on_record
 from sysid.diagnosis.linear_search import EffectSearch
 from sysid.diagnosis.linear_starts import further_starts
-from sysid.diagnosis.structures import Choice, FittedParameter, StructureFit
+from sysid.diagnosis.structures import WHITE, Choice, StructureFit
 from sysid.errors import DataError, UsageError
 from sysid.linear.output_error import fit_output_error
-from sysid.linear.simulation import first_rows
 
-WHITE = np.ones(1)
 TOO_MANY = f"a linear model takes at most {MOST_DRIVES} forces"
-# A search runs on at most this many rows; its end is polished on all of them.
-SEARCH_ROWS = 6000
 HIGHEST_ORDER = 6
 # A higher order must lower the validation error by at least this share.
 WORTHWHILE = 0.02
-# Searches agree when their root mean square errors differ by this share.
-AGREEMENT = 1e-3
-RESTARTS, SPREADS, RESTART_SEED = 12, (0.4, 0.15, 0.05), 3
 
 
 class LinearStructure:
@@ -73,8 +71,8 @@ class LinearStructure:
         self.record = record
         self.free_start = initial_state == "estimate"
         self.initial_state = initial_state
+        self._data = lru_cache(maxsize=16)(lambda rows: data_of(record, np.frombuffer(rows, dtype=bool)))
         self.order = self._chosen_order() if order is None else order
-        self._data = lru_cache(maxsize=16)(self._make_data)
         self._baselines: dict[bytes, Floats] = {}
 
     def on(self, record: Record) -> "LinearStructure":
@@ -108,7 +106,7 @@ class LinearStructure:
             raise DataError("the baseline diverges in simulation: give another --order")
         if fit.restarts_agree:
             return self._fitted(chain, data, rows, minimum, True, fit.status)
-        minimum, agree = self._restarted(chain, data, minimum)
+        minimum, agree = restarted(chain, data, minimum)
         end = (
             "restarts from moved parameters agree"
             if agree
@@ -116,70 +114,30 @@ class LinearStructure:
         )
         return self._fitted(chain, data, rows, minimum, agree, end)
 
-    def _restarted(self, chain: Chain, data: Data, best: Minimum) -> tuple[Minimum, bool]:
-        """Search again from moved parameters; tell whether another search ends at the least cost."""
-        rng, ends = np.random.default_rng(RESTART_SEED), [best]
-        for _ in range(2):
-            # Where the best of the first searches stands alone, more set out from there.
-            for spread in (SPREADS[number % len(SPREADS)] for number in range(RESTARTS)):
-                end = self._from_moved_poles(chain, data, ends[0].point, spread, rng)
-                if end is not None:
-                    ends.append(end)
-            ends.sort(key=lambda end: end.cost)
-            if _found_again(ends):
-                break
-        return ends[0], _found_again(ends)
-
-    def _from_moved_poles(
-        self, chain: Chain, data: Data, point: Floats, spread: float, rng: np.random.Generator
-    ) -> Minimum | None:
-        """Search from poles whose time constants are stretched at random, conjugate ones alike."""
-        n = self.order
-        poles = np.roots(np.concatenate([[1.0], point[:n]])).astype(complex)
-        stretch = np.exp(spread * rng.standard_normal(n))
-        stretch = np.where(poles.imag != 0.0, stretch[0], stretch)
-        moved = np.exp(np.log(np.where(poles == 0.0, 1e-6, poles)) * stretch)
-        start = point.copy()
-        start[:n] = np.real(np.poly(moved))[1:]
-        linear = np.arange(start.size) >= n
-        end = minimise(chain, data, start, WHITE, free=linear, iterations=2)
-        return None if end is None else minimise(chain, data, end.point, WHITE)
-
     def directions(self, fit: StructureFit, effect: Effect) -> list[Floats]:
         """Return how an effect would change the free run of a fit, at a grid of its shapes."""
-        rows = self.record.learning
-        data, chain = self.data(rows), self.chain(fit.choices)
-        point = self._carried(fit, chain, data)
-        base = chain.run(data, point)
-        if base is None or effect.port == "noise" or _too_many((*fit.choices, *_as_choices(effect))):
-            return []
-        found = []
-        for form in effect.forms:
-            extended = self.chain((*fit.choices, Choice(effect, form)))
-            search = EffectSearch(extended, data, WHITE, [point])
-            strengths = [i for i, p in enumerate(form.parameters) if p.is_strength]
-            if len(search.grids) > 1 and not strengths and len(effect.forms) > 1:
-                continue  # the symmetric form stands for the two-sided one
-            for shapes in search.grid_points():
-                start = search.joined(point, shapes)
-                run = extended.run(data, start)
-                if run is None:
-                    continue
-                if strengths:
-                    columns = extended.jacobian(data, start, run)[-len(form.parameters) :][strengths]
-                else:
-                    columns = (run.y - base.y)[np.newaxis]
-                found.append(self._on_record(columns, rows))
-        return found
+        chain, data, point = self._learning(fit)
+        return [self._on_record(lines) for lines in directions_of(chain, data, point, effect)]
 
     def tangent(self, fit: StructureFit) -> Floats:
         """Return the derivative of the free run by all parameters, shape (n_samples, n_parameters)."""
-        data, chain = self.data(self.record.learning), self.chain(fit.choices)
-        point = self._carried(fit, chain, data)
+        chain, data, point = self._learning(fit)
         run = chain.run(data, point)
         if run is None:
             return np.zeros((self.record.n_samples, point.size))
-        return self._on_record(chain.jacobian(data, point, run), self.record.learning)
+        return self._on_record(chain.jacobian(data, point, run))
+
+    def probes(self, fit: StructureFit) -> Floats:
+        """Return directions in which an effect that is not in any list would show."""
+        return self._on_record(probe_directions(*self._learning(fit)))
+
+    def _learning(self, fit: StructureFit) -> tuple[Chain, Data, Floats]:
+        """Return chain and point of a fit on all rows that may be learnt from."""
+        chain, data = self.chain(fit.choices), self.data(self.record.learning)
+        return chain, data, self._carried(fit, chain, data)
+
+    def _on_record(self, lines: Floats) -> Floats:
+        return on_record(self.record, lines, self.record.learning)
 
     def fit(
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: int
@@ -187,7 +145,7 @@ class LinearStructure:
         """Fit the model with these effects, from a fit with fewer, other or the same effects."""
         kept = tuple(c for c in choices if c in start.choices)
         new = [c for c in choices if c not in start.choices]
-        if _too_many(choices):
+        if too_many_drives(choices):
             return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status=TOO_MANY)
         data = self.data(rows)
         chain = self.chain(kept)
@@ -227,7 +185,7 @@ class LinearStructure:
         self, chain: Chain, data: Data, rows: Mask, point: Floats, noise: Floats, effort: int
     ) -> tuple[Minimum | None, bool]:
         """Search the last effect of a chain on part of the rows, polish on all."""
-        part = self._part(data)
+        part = for_search(data, self.free_start)
         starts = [point, *further_starts(chain, part, point)]
         ends = EffectSearch(chain, part, noise, starts).search(effort)
         if not ends:
@@ -253,30 +211,13 @@ class LinearStructure:
     def finish(self, fit: StructureFit, noise: Floats) -> StructureFit:
         """Return a fit with standard errors of its parameters filled in."""
         data, chain = self.data(fit.rows), self.chain(fit.choices)
-        run = chain.run(data, fit.point)
-        if run is None:
-            return fit
-        J = chain.slopes(data, fit.point, run, noise).T
-        scale = np.linalg.norm(J, axis=0)
-        used = scale > 0.0  # a relay's threshold moves within its cell without any change
-        errors = np.full(fit.point.size, np.nan)
-        R = np.linalg.qr(J[:, used] / scale[used], mode="r")
-        if np.abs(np.diag(R)).min(initial=1.0) > 1e-10:
-            spread = np.linalg.norm(np.linalg.inv(R), axis=1)
-            variance = fit.cost / max(J.shape[0] - fit.n_parameters, 1)
-            errors[used] = spread * np.sqrt(variance) / scale[used]
+        errors = standard_errors(chain, data, fit.point, noise, fit.cost)
         own = [*range(2 * self.order + int(chain.constant)), *range(chain.n_linear(data), fit.point.size)]
         parameters = tuple(
             replace(parameter, std_error=float(error))
             for parameter, error in zip(fit.parameters, errors[own], strict=True)
         )
         return replace(fit, parameters=parameters)
-
-    def probes(self, fit: StructureFit) -> Floats:
-        """Return directions in which an effect that is not in any list would show."""
-        data, chain = self.data(self.record.learning), self.chain(fit.choices)
-        lines = probe_directions(chain, data, self._carried(fit, chain, data))
-        return self._on_record(lines, self.record.learning)
 
     def respond(self, fit: StructureFit, u: Floats) -> tuple[Floats, Floats]:
         """Return the free run from rest for an input, and its derivative by all parameters.
@@ -296,15 +237,7 @@ class LinearStructure:
 
     def equation(self, fit: StructureFit) -> str:
         """Return the model's equation with its effects, for a reader."""
-        n = self.order
-        a, b = fit.point[:n], fit.point[n : 2 * n]
-        left = "z(k)" + "".join(f" {_signed(value)} z(k-{i})" for i, value in enumerate(a, 1))
-        right = "".join(f" {_signed(value)} x(k-{i})" for i, value in enumerate(b, 1)).lstrip("+ ")
-        if self.free_start:
-            right += f" {_signed(fit.point[2 * n])}"
-        lines = [f"{left} = {right}"]
-        lines += [f"{choice.name}: {choice.effect.equation}" for choice in fit.choices]
-        return "\n".join(lines)
+        return equation_text(self.order, self.free_start, fit.point, fit.choices)
 
     def chain(self, choices: Sequence[Choice]) -> Chain:
         """Return the model with effects; noise is not part of it."""
@@ -314,31 +247,6 @@ class LinearStructure:
     def data(self, rows: Mask) -> Data:
         """Return the experiments with chosen rows, each up to its last chosen one."""
         return self._data(rows.tobytes())
-
-    def _make_data(self, key: bytes) -> Data:
-        rows = np.frombuffer(key, dtype=bool)
-        parts, begin = [], [0]
-        for part in self.record.slices:
-            inside = np.flatnonzero(rows[part])
-            if inside.size:
-                parts.append(np.arange(part.start, part.start + inside[-1] + 1))
-                begin.append(begin[-1] + parts[-1].size)
-        if not parts:
-            raise DataError("no row is chosen for the fit: mark rows as train, est or val")
-        index = np.concatenate(parts)
-        used = rows[index]
-        y = np.where(used, self.record.y[index, 0], 0.0)
-        return Data(
-            np.ascontiguousarray(self.record.u[index, 0]), y, used, np.array(begin), self.record.period
-        )
-
-    def _part(self, data: Data) -> Data:
-        """Return the first rows, enough for a search; all where each experiment has its own start."""
-        if data.u.size <= SEARCH_ROWS or (self.free_start and data.n_experiments > 1):
-            return data
-        stop = min(max(SEARCH_ROWS, int(np.argmax(data.used)) + SEARCH_ROWS), data.u.size)
-        begin = np.array([*data.begin[:-1][data.begin[:-1] < stop], stop])
-        return Data(data.u[:stop], data.y[:stop], data.used[:stop], begin, data.period)
 
     def _carried(self, fit: StructureFit, chain: Chain, data: Data) -> Floats:
         """Return the point of a fit for a chain with some of its effects and for other rows."""
@@ -355,28 +263,14 @@ class LinearStructure:
                 point[place] = fit.point[places[choice]]
         return point
 
-    def _on_record(self, lines: Floats, rows: Mask) -> Floats:
-        """Return lines over the rows of `data` as columns over all rows of the record."""
-        columns = np.zeros((self.record.n_samples, lines.shape[0]))
-        columns[self._index(rows)] = lines.T
-        return columns
-
-    def _index(self, rows: Mask) -> np.ndarray:
-        parts = []
-        for part in self.record.slices:
-            inside = np.flatnonzero(rows[part])
-            if inside.size:
-                parts.append(np.arange(part.start, part.start + inside[-1] + 1))
-        return np.concatenate(parts)
-
     def _fitted(
         self, chain: Chain, data: Data, rows: Mask, minimum: Minimum, agree: bool, status: str
     ) -> StructureFit:
         return StructureFit(
             choices=chain.choices,
             point=minimum.point,
-            parameters=self._parameters(chain, data, minimum.point),
-            output=self._free_run(chain, data, rows, minimum.point),
+            parameters=named_parameters(self.record, chain, data, minimum.point),
+            output=free_run(self.record, chain, data, rows, minimum.point),
             rows=rows,
             cost=minimum.cost,
             n_parameters=minimum.point.size,
@@ -385,78 +279,14 @@ class LinearStructure:
             status=status,
         )
 
-    def _parameters(self, chain: Chain, data: Data, point: Floats) -> tuple[FittedParameter, ...]:
-        u_unit, y_unit = (self.record.unit(names[0]) for names in (self.record.inputs, self.record.outputs))
-        units = {"u": u_unit, "y": y_unit, "x": y_unit, "v": y_unit, "F": u_unit}
-        gain = EffectParameter("b", "[y]/[u]", "").unit_with(units)
-        names = [(f"a{i}", "") for i in range(1, self.order + 1)]
-        names += [(f"b{i}", gain) for i in range(1, self.order + 1)]
-        names += [("constant", y_unit)] * chain.constant
-        found = [
-            FittedParameter(name, float(value), np.nan, unit)
-            for (name, unit), value in zip(names, point, strict=False)
-        ]
-        for choice, place in zip(chain.choices, chain.places(data), strict=True):
-            found += [
-                FittedParameter(p.name, float(value), np.nan, p.unit_with(units), choice.name)
-                for p, value in zip(choice.form.parameters, point[place], strict=True)
-            ]
-        return tuple(found)
-
-    def _free_run(self, chain: Chain, data: Data, rows: Mask, point: Floats) -> Floats:
-        """Run every row of the record; starts of experiments without rows of the fit are estimated."""
-        used, starts, other = np.zeros(self.record.n_samples, dtype=bool), [], []
-        shared, number = 2 * self.order + int(chain.constant), 0
-        for e, part in enumerate(self.record.slices):
-            if rows[part].any():
-                starts.append(point[shared + number * self.order : shared + (number + 1) * self.order])
-                number += 1
-                continue
-            y = self.record.y[part, 0]
-            skip = self.record.skip.get(str(self.record.split[part][0]), 0)
-            used[part] = first_rows(y, skip, self.order)[0]
-            starts.append(np.zeros(self.order))
-            other += list(range(shared + e * self.order, shared + (e + 1) * self.order))
-        begin = np.array([*self.record.starts, self.record.n_samples])
-        y = np.where(used, self.record.y[:, 0], 0.0)
-        whole = Data(self.record.u[:, 0].copy(), y, used, begin, self.record.period)
-        own = np.concatenate(starts) if self.free_start else np.empty(0)
-        full = np.concatenate([point[:shared], own, point[chain.n_linear(data) :]])
-        if self.free_start and other and used.any():
-            free = np.zeros(full.size, dtype=bool)
-            free[other] = True
-            end = minimise(chain, whole, full, WHITE, free=free, iterations=4)
-            full = full if end is None else end.point
-        run = chain.run(whole, full)
-        return np.full(self.record.n_samples, np.inf) if run is None else run.y
-
     def _chosen_order(self) -> int:
         """Return the lowest order whose validation error is not worth a higher one."""
         record, best, chosen = self.record, np.inf, 1
         for order in range(1, HIGHEST_ORDER + 1):
             self.order = order
-            self._data = lru_cache(maxsize=16)(self._make_data)
             fit = self.baseline(record.estimation)
             error = record.y[:, 0] - fit.output
             cost = float(np.mean(error[record.validation] ** 2))
             if cost < best * (1.0 - WORTHWHILE) ** 2:
                 best, chosen = cost, order
         return chosen
-
-
-def _found_again(ends: Sequence[Minimum]) -> bool:
-    """Tell whether a second of the searches ended at the least cost."""
-    return len(ends) > 1 and ends[1].cost <= ends[0].cost * (1.0 + AGREEMENT) ** 2
-
-
-def _too_many(choices: Sequence[Choice]) -> bool:
-    """Tell whether more forces act than the compiled run takes."""
-    return sum(choice.effect.port in ("force", "gain") for choice in choices) > MOST_DRIVES
-
-
-def _as_choices(effect: Effect) -> tuple[Choice, ...]:
-    return (Choice(effect, effect.forms[0]),)
-
-
-def _signed(value: float) -> str:
-    return f"{'-' if value < 0 else '+'} {abs(value):.4g}"

@@ -6,7 +6,7 @@ import numpy as np
 
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.structures import filtered
+from sysid.diagnosis.structures import WHITE, filtered
 
 LARGEST_ORDER = 12
 ROWS_PER_LAG = 20
@@ -36,6 +36,10 @@ class Noise:
         return int(self.polynomial.size) - 1
 
 
+# By which the plain sum of squares of a residual is taken.
+WHITE_NOISE = Noise(WHITE, 0.0, 0.0)
+
+
 def noise_of(residual: Floats, rows: Mask, largest_order: int = LARGEST_ORDER) -> Noise:
     """Fit an autoregression to the chosen rows of a residual.
 
@@ -60,7 +64,7 @@ def noise_of(residual: Floats, rows: Mask, largest_order: int = LARGEST_ORDER) -
         for lag in range(1, largest + 1)
     ]
     R: Floats = np.asarray(np.linalg.qr(np.column_stack([*lagged, target]), mode="r"))
-    found, best = Noise(np.ones(1), float(np.mean(target**2)), 0.0), np.inf
+    found, best = Noise(WHITE, float(np.mean(target**2)), 0.0), np.inf
     white = np.inf
     for order in range(largest + 1):
         tail = R[order:, -1]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.diagnosis.effects.base import Effect, Floats, Form
+from sysid.diagnosis.physics_free_run import runs
 from sysid.diagnosis.physics_search import DRY_PROBE, PROBE, problem_point, shape_values
 from sysid.diagnosis.structures import Choice, StructureFit
 from sysid.physics.forced import NO_LAW, ForcedPlant
@@ -57,15 +58,14 @@ def _of_form(
             moved = point.copy()
             moved[first + j] += size[j]
             probed.append(moved)
-    runs = structure.runs(problem, np.array(probed if strengths else points))
+    moved_runs = runs(problem, np.array(probed if strengths else points))
     # With its strengths at zero an effect leaves the run as it is, but for the steps of the simulation.
-    base = structure.runs(problem if strengths else before, (start if strengths else fit.point)[np.newaxis])[
-        0
-    ]
+    still, point = (problem, start) if strengths else (before, fit.point)
+    base = runs(still, point[np.newaxis])[0]
     count = len(strengths) or 1
     found = []
     for number in range(len(shapes)):
-        change = runs[number * count : (number + 1) * count] - base
+        change = moved_runs[number * count : (number + 1) * count] - base
         if np.isfinite(change).all():
             found.append(
                 np.ascontiguousarray((change / size[strengths, np.newaxis] if strengths else change).T)

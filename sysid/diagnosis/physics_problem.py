@@ -1,80 +1,26 @@
 """The least-squares problem of a physical model with effects: free-run error over all unknowns."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics_laws import INNER, coefficients, lower_bound, typical_size
+from sysid.diagnosis.physics_setting import LARGEST_LOGARITHM, Setting
 from sysid.diagnosis.structures import Choice, filtered
-from sysid.physics.forced import ForcedPlant
-from sysid.physics.general import GeneralPlant
 from sysid.physics.model import Parameter
 from sysid.separable.descent import Minimum, Residual, descend
 
-LARGEST_LOGARITHM = 60.0
+# Fastest rate times the Runge-Kutta step: the run's relative error is about its fourth power / 120.
+COARSE_STEP, FINE_STEP = 0.35, 0.2
 # A value known within some 20 % stays within a factor of exp(3) = 20, whatever the effects do to it.
 FURTHEST = 3.0
 # Step of the difference quotients, relative to the size of the unknown: truncation and rounding both
 # stay below 1e-5 of the derivative.
 DIFFERENCE = 1e-6
 SMALLEST_SHARE = 1e-2
-
-
-@dataclass(frozen=True)
-class Setting:
-    """What all problems of one record and model share.
-
-    Attributes
-    ----------
-    record : Record
-    plant : ForcedPlant or GeneralPlant
-    searched : tuple of Parameter
-        The model's parameters that are not known.
-    known : ndarray, shape (n_model_parameters,)
-        Start or fixed value of each parameter of the model.
-    free_start : bool
-        Whether the initial state of each experiment is estimated.
-    sizes : mapping of str to float
-        Typical sizes of input ``u``, output ``y``, force ``F``, position ``x``, speed ``v``, time ``s``.
-    state_sizes : ndarray, shape (n_states,)
-    """
-
-    record: Record
-    plant: ForcedPlant | GeneralPlant
-    searched: tuple[Parameter, ...]
-    known: Floats
-    free_start: bool
-    sizes: dict[str, float]
-    state_sizes: Floats
-
-    @cached_property
-    def places(self) -> list[int]:
-        """Positions of the searched parameters among the model's."""
-        return [self.plant.names.index(parameter.name) for parameter in self.searched]
-
-    @cached_property
-    def positive(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        """Which searched parameters are searched by their logarithm."""
-        return np.array([parameter.positive for parameter in self.searched], dtype=bool)
-
-    @property
-    def nominal(self) -> Floats:
-        """Search coordinates of the start values."""
-        return self.to_coordinates(self.known[self.places])
-
-    def to_coordinates(self, values: Floats) -> Floats:
-        """Return logarithms of positive parameters."""
-        return np.where(self.positive, np.log(np.where(self.positive, values, 1.0)), values)
-
-    def to_values(self, coordinates: Floats) -> Floats:
-        """Return parameters from their coordinates; any leading shape."""
-        bounded = np.clip(coordinates, -LARGEST_LOGARITHM, LARGEST_LOGARITHM)
-        return np.where(self.positive, np.exp(np.where(self.positive, bounded, 0.0)), coordinates)
 
 
 class Problem:

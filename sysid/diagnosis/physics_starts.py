@@ -4,7 +4,7 @@ import numpy as np
 
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.physics_problem import LARGEST_LOGARITHM, Setting
+from sysid.diagnosis.physics_setting import LARGEST_LOGARITHM, Setting
 from sysid.errors import SysidError
 from sysid.physics import forced_kernels as fk
 from sysid.physics.forced import NO_LAW, ForcedPlant

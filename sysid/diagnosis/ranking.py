@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.diagnosis.decision import Decision, Trial
-from sysid.diagnosis.noise_colour import Noise
+from sysid.diagnosis.noise_colour import WHITE_NOISE
 
 
 def with_every_candidate(decision: Decision, names: Sequence[str], memory: Trial | None) -> Decision:
@@ -36,9 +36,5 @@ def with_every_candidate(decision: Decision, names: Sequence[str], memory: Trial
         alone = decision.accepted == (memory.name,)
         fitted.insert(0 if alone else place, memory)
     listed = {trial.name for trial in (*fitted, *others)} | set(decision.given)
-    unfit = [
-        Trial(name, None, Noise(np.ones(1), 0.0, 0.0), np.inf, -np.inf, np.nan)
-        for name in names
-        if name not in listed
-    ]
+    unfit = [Trial(name, None, WHITE_NOISE, np.inf, -np.inf, np.nan) for name in names if name not in listed]
     return replace(decision, trials=(*fitted, *others, *unfit))

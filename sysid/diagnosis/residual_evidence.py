@@ -1,6 +1,6 @@
 """What the residuals of one record say: errors, criteria, the colour of the noise, what is left."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -8,9 +8,8 @@ from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.evidence import orthonormal, remainder
 from sysid.diagnosis.noise_colour import LARGEST_ORDER, Noise, noise_of
-from sysid.diagnosis.structures import Structure, StructureFit, filtered
+from sysid.diagnosis.structures import WHITE, Structure, StructureFit, filtered
 
-WHITE = np.ones(1)
 SEEN_P_VALUE = 1e-2
 # Something is left when the probes, or held-out rows, find it with a chance below this.
 LEFT_P_VALUE = 1e-5
@@ -29,34 +28,38 @@ def interleaved(learning: Mask) -> tuple[Mask, Mask]:
     return learning & ~held_out, held_out
 
 
+@dataclass(frozen=True, eq=False)
 class Evidence:
     """Judges fits of a structure by their residuals on one record.
 
-    Parameters
+    Attributes
     ----------
     structure : Structure
+    rows, held_out : ndarray of bool, shape (n_samples,)
+        Rows to search on, and rows that a candidate must predict without having seen them.
     alpha : float
         Largest chance of taking white noise for noise with a memory.
     n_given : int
         Effects that are in the model whatever the evidence.
     """
 
-    def __init__(self, structure: Structure, alpha: float, n_given: int = 0) -> None:
-        self.structure, self.alpha, self.n_given = structure, alpha, n_given
-        self.rows, self.held_out = structure.record.estimation, structure.record.validation
-        self.y = structure.record.y[:, 0]
+    structure: Structure
+    rows: Mask
+    held_out: Mask
+    alpha: float
+    n_given: int = 0
 
-    def _left(self, baseline: StructureFit, final: StructureFit, rows: Mask) -> tuple[float, float, float]:
+    def left(self, baseline: StructureFit, final: StructureFit, rows: Mask) -> tuple[float, float, float]:
         """Return whether anything is left to explain, what share of the explainable it is, and the floor."""
         tangent, probes = self.structure.tangent(final), self.structure.probes(final)
-        noise = self._colour(final, tangent, probes, rows)
-        weighted = self._refitted(final, noise)
+        noise = self.colour(final, tangent, probes, rows)
+        weighted = self.refitted(final, noise)
         if weighted is not final and weighted.usable:
             # Far from the best fit under this colour, what its parameters could follow seems to be left.
             final = weighted
             tangent, probes = self.structure.tangent(final), self.structure.probes(final)
-            noise = self._colour(final, tangent, probes, rows)
-        residual, colour = self._residual(final), noise.polynomial
+            noise = self.colour(final, tangent, probes, rows)
+        residual, colour = self.residual(final), noise.polynomial
         found = remainder(*(filtered(part, rows, colour) for part in (residual, tangent, probes)))
         p_value = found.p_value
         # What the probes follow may be slow noise: under the residual's own colour it must show, too.
@@ -79,11 +82,11 @@ class Evidence:
         self, baseline: StructureFit, final: StructureFit, rows: Mask, colour: Floats, left: float
     ) -> float:
         """Return what is left as a share of itself and of what the effects have explained."""
-        before, after = (filtered(self._residual(fit), rows, colour) for fit in (baseline, final))
+        before, after = (filtered(self.residual(fit), rows, colour) for fit in (baseline, final))
         gained = max(float(before @ before) - float(after @ after), 0.0)
         return left / max(left + gained, 1e-300)
 
-    def _rows_disagree(self, fit: StructureFit) -> bool:
+    def rows_disagree(self, fit: StructureFit) -> bool:
         """Tell whether held-out rows show what the rows of the search do not.
 
         A change of the gain after the last of these, or a limit that they do not reach, is no matter of
@@ -91,23 +94,23 @@ class Evidence:
         """
         from scipy.special import fdtrc
 
-        noise, residual = self._noise(fit).polynomial, self._residual(fit)
+        noise, residual = self.noise(fit).polynomial, self.residual(fit)
         inside, outside = (filtered(residual, rows, noise) for rows in (self.rows, self.held_out))
         if not inside.size or not outside.size:
             return False
         ratio = float(np.mean(outside**2)) / max(float(np.mean(inside**2)), 1e-300)
         return ratio > DISAGREEMENT and float(fdtrc(outside.size, inside.size, ratio)) < LEFT_P_VALUE
 
-    def _noise_accepted(self, fit: StructureFit, noise: Noise) -> bool:
+    def noise_accepted(self, fit: StructureFit, noise: Noise) -> bool:
         """Tell whether the residual's memory is real: on held-out rows it must lower the innovations."""
-        plain = self._held_out_error(fit, WHITE)
+        plain = self.held_out_error(fit, WHITE)
         return (
-            self._memory_p_value(noise) < self.alpha
+            self.memory_p_value(noise) < self.alpha
             and noise.gain > 0
-            and self._held_out_error(fit, noise.polynomial) < plain
+            and self.held_out_error(fit, noise.polynomial) < plain
         )
 
-    def _memory_p_value(self, noise: Noise) -> float:
+    def memory_p_value(self, noise: Noise) -> float:
         """Return the chance that white noise seems to have as much memory, at any order."""
         from scipy.special import gammaincc
 
@@ -116,7 +119,7 @@ class Evidence:
         ratio = max(noise.gain + noise.order * np.log(self.rows.sum()), 0.0)
         return min(LARGEST_ORDER * float(gammaincc(0.5 * noise.order, 0.5 * ratio)), 1.0)
 
-    def _colour(
+    def colour(
         self,
         fit: StructureFit,
         tangent: Floats | None = None,
@@ -127,7 +130,7 @@ class Evidence:
 
         The residual's own autoregression would swallow a drift or a periodic remainder.
         """
-        rows, residual = self.rows if rows is None else rows, self._residual(fit)
+        rows, residual = self.rows if rows is None else rows, self.residual(fit)
         tangent = self.structure.tangent(fit) if tangent is None else tangent
         probes = self.structure.probes(fit) if probes is None else probes
         columns = orthonormal(np.hstack([tangent[rows], probes[rows]]))
@@ -145,33 +148,39 @@ class Evidence:
         left = max(int(rows.sum()) - columns.shape[1], 1)
         return replace(found, variance=found.variance * int(rows.sum()) / left)
 
-    def _refitted(self, fit: StructureFit, noise: Noise) -> StructureFit:
+    def refitted(self, fit: StructureFit, noise: Noise) -> StructureFit:
+        """Return a fit on the rows of the search, moved to where it is best under a colour of the noise."""
         if noise.order == 0:
             return fit
         return self.structure.fit(fit.choices, self.rows, noise.polynomial, fit, effort=0)
 
-    def _residual(self, fit: StructureFit) -> Floats:
+    def residual(self, fit: StructureFit) -> Floats:
+        """Return measurement less free run, shape (n_samples,); zero where either is missing."""
+        y = self.structure.record.y[:, 0]
         with np.errstate(invalid="ignore"):
-            return np.where(np.isfinite(self.y) & np.isfinite(fit.output), self.y - fit.output, 0.0)
+            return np.where(np.isfinite(y) & np.isfinite(fit.output), y - fit.output, 0.0)
 
-    def _noise(self, fit: StructureFit) -> Noise:
-        return noise_of(self._residual(fit), self.rows)
+    def noise(self, fit: StructureFit) -> Noise:
+        """Return the colour of a fit's residual as it is."""
+        return noise_of(self.residual(fit), self.rows)
 
-    def _cost(self, fit: StructureFit, noise: Noise) -> float:
-        error = filtered(self._residual(fit), self.rows, noise.polynomial)
+    def cost(self, fit: StructureFit, noise: Noise) -> float:
+        """Return the sum of squares of a fit's residual under a colour of the noise."""
+        error = filtered(self.residual(fit), self.rows, noise.polynomial)
         return float(error @ error)
 
-    def _criterion(self, fit: StructureFit, noise: Noise) -> float:
+    def criterion(self, fit: StructureFit, noise: Noise) -> float:
         """Return the information criterion of a fit under a given colour of the noise."""
         n = int(self.rows.sum())
-        return float(n * np.log(max(self._cost(fit, noise) / n, 1e-300)) + fit.n_parameters * np.log(n))
+        return float(n * np.log(max(self.cost(fit, noise) / n, 1e-300)) + fit.n_parameters * np.log(n))
 
-    def _own_criterion(self, fit: StructureFit) -> float:
+    def own_criterion(self, fit: StructureFit) -> float:
         """Return the information criterion of a fit with the noise model of its own residual."""
-        noise, n = self._noise(fit), int(self.rows.sum())
+        noise, n = self.noise(fit), int(self.rows.sum())
         count = fit.n_parameters + noise.order
         return float(n * np.log(max(noise.variance, 1e-300)) + count * np.log(n))
 
-    def _held_out_error(self, fit: StructureFit, noise: Floats) -> float:
-        error = filtered(self._residual(fit), self.held_out, noise)
+    def held_out_error(self, fit: StructureFit, noise: Floats) -> float:
+        """Return the root mean square of the residual on held-out rows, filtered by D(q)."""
+        error = filtered(self.residual(fit), self.held_out, noise)
         return float(np.sqrt(np.mean(error**2))) if error.size else np.inf

@@ -10,6 +10,9 @@ from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, Floats, Form
 
+# D(q) of noise without a memory: what is fitted is the plain free-run error.
+WHITE = np.ones(1)
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -102,7 +105,7 @@ class Structure(Protocol):
     """A family of models that can be fitted with effects to one record.
 
     ``noise`` is the polynomial D(q) of an autoregression, leading 1 included: a fit minimises the sum
-    of squares of D(q) (y - output) on its rows; ``np.ones(1)`` gives the plain free-run error.
+    of squares of D(q) (y - output) on its rows; `WHITE` gives the plain free-run error.
     Runs of rows that do not touch are filtered each for itself, from zero (see `filtered`).
 
     A structure must be deterministic: the same arguments give the same bits.

@@ -10,7 +10,7 @@ from sysid.diagnosis.scores import Score, SetScore, finite
 from sysid.diagnosis.wording import percent, quantity
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.compare import Comparison
+    from sysid.diagnosis.comparison import Comparison
 
 # Correlations of fewer rows lie within their bands whatever the residual is.
 FEWEST_TESTED_ROWS = 20

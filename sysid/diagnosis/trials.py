@@ -1,17 +1,17 @@
 """Candidates beside the effects of a model: screened, fitted with growing care, judged."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
 
 from sysid.diagnosis.decision import Trial
-from sysid.diagnosis.effects.base import Effect, Floats
+from sysid.diagnosis.effects.base import Effect, Floats, Form
 from sysid.diagnosis.evidence import ScoreScreen, score_screen
-from sysid.diagnosis.noise_colour import Noise
-from sysid.diagnosis.residual_evidence import WHITE, Evidence
-from sysid.diagnosis.structures import Choice, Structure, StructureFit, filtered
+from sysid.diagnosis.noise_colour import WHITE_NOISE, Noise
+from sysid.diagnosis.residual_evidence import Evidence
+from sysid.diagnosis.structures import WHITE, Choice, StructureFit, filtered
 from sysid.progress import Progress
 
 # How many candidates are fitted at all, in all their forms, and with the finest search.
@@ -23,66 +23,50 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-class Trials(Evidence):
+@dataclass(frozen=True, eq=False)
+class Trials:
     """Tries effects one at a time in a model of one record.
 
-    Parameters
+    Attributes
     ----------
-    structure : Structure
-    effects : sequence of Effect
-        Candidates; those that make no sense for the structure are left out.
-    alpha : float
-        Largest chance of naming an effect where none is missing.
+    evidence : Evidence
+        By which they are judged.
+    candidates : tuple of Effect
     seed : int
         Of the simulated null distribution.
-    given : sequence of Effect
-        Effects that are in the model whatever the evidence.
     jobs : int
         Candidates fitted at a time, each by a thread of its own; the answer is the same.
-    bars : Progress, optional
+    bars : Progress
         Shows how many candidates of a round are fitted.
     """
 
-    def __init__(
-        self,
-        structure: Structure,
-        effects: Sequence[Effect],
-        *,
-        alpha: float,
-        seed: int,
-        given: Sequence[Effect],
-        jobs: int,
-        bars: Progress | None,
-    ) -> None:
-        self.given = structure.offered(given)
-        super().__init__(structure, alpha, len(self.given))
-        self.seed, self.jobs, self.bars = seed, jobs, Progress() if bars is None else bars
-        given_names = [effect.name for effect in self.given]
-        self.candidates = [
-            e for e in structure.offered(effects) if e.port != "noise" and e.name not in given_names
-        ]
+    evidence: Evidence
+    candidates: tuple[Effect, ...]
+    seed: int
+    jobs: int
+    bars: Progress
 
-    def _round(self, current: StructureFit, further: bool, most: int = FURTHER) -> tuple[Trial, ...]:
+    def beside(self, current: StructureFit, further: bool, most: int = FURTHER) -> tuple[Trial, ...]:
         """Try every candidate beside the effects of a fit; return them best first."""
         candidates = [e for e in self.candidates if e.name not in current.names]
         if not candidates:
             return ()
-        colour = self._colour(current)
+        colour = self.evidence.colour(current)
         # Scores are those of the best fit only under the colour by which they are weighted.
-        screen = self._screen(self._refitted(current, colour), candidates, colour)
-        if further and screen.p_value(max(screen.statistics.values())) >= self.alpha:
+        screen = self.screen(self.evidence.refitted(current, colour), candidates, colour)
+        if further and screen.p_value(max(screen.statistics.values())) >= self.evidence.alpha:
             return ()  # the residual holds no structure any more
         ranking = sorted(candidates, key=lambda e: -screen.statistics[e.name])
         # A family whose fits are cheap may ask for more of them than the screen would let through.
-        count: int = getattr(self.structure, "screened", SCREENED)
+        count: int = getattr(self.evidence.structure, "screened", SCREENED)
         count = min(count, most) if further else count
-        trials = self._trials(current, ranking[:count], colour)
-        left = [Trial(e.name, None, Noise(WHITE, 0.0, 0.0), np.inf, -np.inf) for e in ranking[count:]]
+        trials = self.ranked(current, ranking[:count], colour)
+        left = [Trial(e.name, None, WHITE_NOISE, np.inf, -np.inf) for e in ranking[count:]]
         return self._judged(current, [*trials, *left], screen, colour)
 
-    def _trials(self, current: StructureFit, candidates: Sequence[Effect], noise: Noise) -> list[Trial]:
+    def ranked(self, current: StructureFit, candidates: Sequence[Effect], noise: Noise) -> list[Trial]:
         """Fit the candidates, the better ones with more care; return them best first."""
-        first = len(current.choices) == len(self.given)
+        first = len(current.choices) == self.evidence.n_given
         refined, polished = (REFINED, POLISHED) if first else (REFINED_BESIDE, POLISHED_BESIDE)
 
         def simply(effect: Effect) -> Trial:
@@ -90,7 +74,7 @@ class Trials(Evidence):
             # form is a refinement.
             size = len(effect.forms[0].parameters)
             simple = [form for form in effect.forms if len(form.parameters) <= size or effect.port == "flow"]
-            return self._fitted(current, effect, simple, noise, 1)
+            return self.best_form(current, effect, simple, noise, 1)
 
         beside = f" beside {' and '.join(current.names)}" if current.choices else ""
         tried = self._each(f"candidates{beside}", simply, candidates)
@@ -101,12 +85,12 @@ class Trials(Evidence):
             def carefully(trial: Trial, effort: int = effort) -> Trial:
                 effect = next(e for e in candidates if e.name == trial.name)
                 forms = effect.forms[1:] if effort == 1 else effect.forms
-                return self._fitted(current, effect, forms, noise, effort)
+                return self.best_form(current, effect, forms, noise, effort)
 
             for trial in self._each(f"leaders{beside}", carefully, leaders):
                 if trial.criterion < found[trial.name].criterion:
                     found[trial.name] = trial
-        base = self._criterion(self._refitted(current, noise), noise)
+        base = self.evidence.criterion(self.evidence.refitted(current, noise), noise)
         trials = [replace(t, gain=base - t.criterion) for t in found.values()]
         return sorted(trials, key=lambda t: t.criterion)
 
@@ -127,19 +111,20 @@ class Trials(Evidence):
             # The simulations run without the interpreter's lock, so threads do, and nothing is copied.
             return list(Parallel(n_jobs=self.jobs, prefer="threads")(delayed(counted)(item) for item in work))
 
-    def _fitted(
-        self, current: StructureFit, effect: Effect, forms: Sequence[object], noise: Noise, effort: int
+    def best_form(
+        self, current: StructureFit, effect: Effect, forms: Sequence[Form], noise: Noise, effort: int
     ) -> Trial:
         """Fit an effect in some of its forms; return the best."""
-        best = Trial(effect.name, None, Noise(WHITE, 0.0, 0.0), np.inf)
+        best = Trial(effect.name, None, WHITE_NOISE, np.inf)
+        structure, rows = self.evidence.structure, self.evidence.rows
         for form in effect.forms:
             if form not in forms:
                 continue
             choices = (*current.choices, Choice(effect, form))
-            fit = self.structure.fit(choices, self.rows, noise.polynomial, current, effort=effort)
+            fit = structure.fit(choices, rows, noise.polynomial, current, effort=effort)
             if not fit.usable:
                 continue
-            criterion = self._criterion(fit, noise)
+            criterion = self.evidence.criterion(fit, noise)
             if criterion < best.criterion:
                 best = Trial(effect.name, fit, noise, criterion)
         return best
@@ -148,37 +133,40 @@ class Trials(Evidence):
         self, current: StructureFit, trials: Sequence[Trial], screen: ScoreScreen, colour: Noise
     ) -> tuple[Trial, ...]:
         """Add p-values and held-out errors to the trials."""
-        base = self._cost(self._refitted(current, colour), colour)
-        costs = [self._cost(trial.fit, colour) for trial in trials if trial.fit is not None]
-        variance = min([base, *costs]) / max(int(self.rows.sum()) - current.n_parameters, 1)
+        evidence = self.evidence
+        base = evidence.cost(evidence.refitted(current, colour), colour)
+        costs = [evidence.cost(trial.fit, colour) for trial in trials if trial.fit is not None]
+        variance = min([base, *costs]) / max(int(evidence.rows.sum()) - current.n_parameters, 1)
         found = []
         for trial in trials:
             statistic = screen.statistics[trial.name]
             if trial.fit is None:
                 found.append(replace(trial, p_value=screen.p_value(statistic)))
                 continue
-            ratio = (base - self._cost(trial.fit, colour)) / variance
+            ratio = (base - evidence.cost(trial.fit, colour)) / variance
             by_fit = screen.fitted_p_value(ratio, trial.fit.n_parameters - current.n_parameters)
-            own = self._noise(trial.fit)
+            own = evidence.noise(trial.fit)
             found.append(
                 replace(
                     trial,
                     noise=own,
                     p_value=min(screen.p_value(statistic), by_fit),
-                    validation=self._held_out_error(trial.fit, WHITE),
-                    innovation=self._held_out_error(trial.fit, own.polynomial),
+                    validation=evidence.held_out_error(trial.fit, WHITE),
+                    innovation=evidence.held_out_error(trial.fit, own.polynomial),
                 )
             )
         return tuple(found)
 
-    def _screen(self, current: StructureFit, candidates: Sequence[Effect], noise: Noise) -> ScoreScreen:
+    def screen(self, current: StructureFit, candidates: Sequence[Effect], noise: Noise) -> ScoreScreen:
+        """Score each candidate by the directions in which it would change the free run of a fit."""
+
         def white(columns: Floats) -> Floats:
-            return filtered(columns, self.rows, noise.polynomial)
+            return filtered(columns, self.evidence.rows, noise.polynomial)
 
         directions = {
-            effect.name: [white(block) for block in self.structure.directions(current, effect)]
+            effect.name: [white(block) for block in self.evidence.structure.directions(current, effect)]
             for effect in candidates
         }
-        tangent = white(self.structure.tangent(current))
+        tangent = white(self.evidence.structure.tangent(current))
         rng = np.random.default_rng([self.seed, len(current.choices)])
-        return score_screen(white(self._residual(current)), tangent, directions, noise.variance, rng)
+        return score_screen(white(self.evidence.residual(current)), tangent, directions, noise.variance, rng)

@@ -1,68 +1,17 @@
-"""The command `sysid diagnose`."""
+"""The command `sysid diagnose`: which effect a model lacks."""
 
 import argparse
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.diagnosis.command import (
-    add_data_arguments,
-    add_model_arguments,
-    assigned_values,
-    check_results,
-    read_data,
-    to_json_text,
-    write_text,
-)
+from sysid.commands.model_options import assigned_values
+from sysid.commands.record_options import read_described
 from sysid.errors import UsageError
+from sysid.result_files import check_results, to_json_text, write_text
 
 if TYPE_CHECKING:
     from sysid.diagnosis.diagnose import Diagnosis
     from sysid.diagnosis.effects import Effect
-
-HELP = "learn which physical effect a model lacks, and add it"
-DESCRIPTION = (
-    "Fit a model on the estimation rows of a measurement file, name the physical effect it lacks, add it "
-    "where all evidence agrees, and show the free-run error fall."
-)
-EXAMPLE = "sysid diagnose motor.csv --model dc-motor --period 0.01 --split-column set --json motor.json"
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `sysid diagnose`."""
-    parser.formatter_class = argparse.HelpFormatter
-    add_data_arguments(parser)
-    add_model_arguments(parser)
-    group = parser.add_argument_group("effects")
-    group.add_argument("--effects", metavar="A,B,C", help="candidates (default: all of `sysid effects`)")
-    group.add_argument("--effects-file", metavar="TOML", type=Path, help="file with effects of your own")
-    group.add_argument("--add", metavar="NAME", action="append", help="add this effect whatever the evidence")
-    group.add_argument(
-        "--max-effects", metavar="K", type=int, default=3, help="most effects to be added (default: 3)"
-    )
-    group.add_argument(
-        "--alpha",
-        metavar="P",
-        type=float,
-        default=0.01,
-        help="chance of naming an effect where none is missing (default: 0.01)",
-    )
-    group.add_argument(
-        "--accept",
-        choices=("auto", "ask", "none"),
-        default="auto",
-        help="add what was found, ask first, or only report it (default: auto)",
-    )
-    group.add_argument("--seed", metavar="S", type=int, default=0, help="seed (default: 0)")
-    group.add_argument(
-        "--jobs", metavar="J", type=int, default=1, help="most processors to use; the answer is the same"
-    )
-    group = parser.add_argument_group("results")
-    group.add_argument("--json", metavar="FILE", type=Path, help="numbers for other programs")
-    group.add_argument("--predictions", metavar="FILE", type=Path, help="CSV: k, measured, baseline, final")
-    group.add_argument("--html", metavar="FILE", type=Path, help="page")
-    group.add_argument("--pdf", metavar="FILE", type=Path, help="page as PDF")
-    group.add_argument("--save", metavar="FILE", type=Path, help="final model as JSON, TOML or .py function")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -78,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
     start = assigned_values("--param", arguments.param)
     fixed = assigned_values("--fix", arguments.fix)
     model = _model(arguments, start, fixed)
-    record = read_data(arguments)
+    record = read_described(arguments)
     with threadpool_limits(1):  # all products are of one long row: a second thread would only wait
         diagnosis = diagnose(
             record,
