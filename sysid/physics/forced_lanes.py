@@ -28,7 +28,7 @@ from sysid.physics.forced_kernels import (
 # Lanes side by side: a vector of the widest instructions, or two of the usual ones.
 WIDTH = 8
 # So few lanes are not worth a whole vector.
-FEW = 2
+FEW = 1
 # Where things stand, in blocks of WIDTH: the coefficients of `forced_kernels`, states, side, motion.
 Z, SIDE, MOVING = fk.SIZE, fk.SIZE + MOST_STATES + 1, fk.SIZE + MOST_STATES + 2
 BLOCKS = MOVING + 1
