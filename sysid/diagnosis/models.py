@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sysid.data import Record
-from sysid.diagnosis.fitted_model import LINEAR, WIENER_HAMMERSTEIN, FittedModel
+from sysid.diagnosis.block_models import block_model_names, find_block_model
+from sysid.diagnosis.fitted_model import LINEAR, FittedModel
 from sysid.errors import UsageError
 
 if TYPE_CHECKING:
@@ -24,7 +25,8 @@ def resolve_model(
     ----------
     model : str, Path or Model
         ``"linear"``, ``"state-space"``, ``"hammerstein-..."`` with the name of a map,
-        ``"wiener-hammerstein"``, ``"local-linear"``, the name of a physical model, a TOML file, or a model.
+        ``"hammerstein"``, ``"wiener"``, ``"wiener-hammerstein"``, ``"lft"``, ``"piecewise-affine"``,
+        ``"local-linear"``, the name of a physical model, a TOML file, or a model.
     order : int, optional
     start, fixed : mapping of str to float, optional
 
@@ -72,8 +74,8 @@ def _black_boxes(model: str | Path) -> tuple[str, ...]:
         from sysid.diagnosis.local_linear import LOCAL_LINEAR, is_local_linear
 
         return (str(model) if is_local_linear(str(model)) else LOCAL_LINEAR,)
-    if not str(model).startswith(("state", "hammerstein", "wiener")):
-        return ("state-space", "hammerstein-<map>", "wiener-hammerstein", "local-linear")
+    if not str(model).startswith(("state", "hammerstein-")):
+        return ("state-space", "hammerstein-<map>", *block_model_names(), "local-linear")
     from sysid.diagnosis.black_boxes import black_box_names
 
     return black_box_names()
@@ -94,7 +96,8 @@ def fit_model(
     A physical model is searched on the estimation rows from many starts; the refit with the
     validation rows goes on from there.
     """
-    from sysid.diagnosis.adapters import LinearModel, PhysicalModel
+    from sysid.diagnosis.adapters import LinearModel
+    from sysid.diagnosis.physical_fit import fit_physical
 
     if model is None:
         from sysid.linear.selection import choose_output_error
@@ -108,8 +111,10 @@ def fit_model(
             progress=progress,
         )
         return LinearModel(choice, dict(record.units))
-    if model == WIENER_HAMMERSTEIN:
-        return _wiener_hammerstein(record, order, delay, constant, initial_state, progress)
+    if isinstance(model, str) and (block := find_block_model(model)) is not None:
+        if constant is not None:
+            raise UsageError(f"constant belongs to the linear model: the map of a {model} model has its own")
+        return block.fit(record, order, delay, initial_state, progress)
     if isinstance(model, str):
         from sysid.diagnosis.black_boxes import fit_black_box
         from sysid.diagnosis.local_linear import fit_local_models, is_local_linear
@@ -124,41 +129,8 @@ def fit_model(
             initial_state=initial_state,
             progress=progress,
         )
-    from sysid.physics import fit_physics
-
     if delay is not None or constant is not None:
         raise UsageError(
             f"delay and constant belong to the linear model: {model.name!r} has parameters instead"
         )
-
-    def part(first: int) -> Callable[[int, int], None] | None:
-        return progress and (lambda done, total: progress(100 * first + 100 * done // total, 200))
-
-    accepted = fit_physics(
-        record, model, initial_state=initial_state, rows=record.estimation, progress=part(0)
-    )
-    near = {name: accepted.values[name] for name in accepted.names}
-    fit = fit_physics(record, model, start=near, initial_state=initial_state, progress=part(1))
-    if progress is not None:
-        progress(200, 200)
-    return PhysicalModel(fit, accepted)
-
-
-def _wiener_hammerstein(
-    record: Record,
-    order: int | None,
-    delay: int | None,
-    constant: bool | None,
-    initial_state: str,
-    progress: Callable[[int, int], None] | None,
-) -> FittedModel:
-    """Fit a Wiener-Hammerstein model; an order that is given is that of each of its blocks."""
-    from sysid.diagnosis.wiener_hammerstein_model import fit_wiener_hammerstein_structure
-
-    if constant is not None:
-        raise UsageError(
-            "constant belongs to the linear model: the map of a Wiener-Hammerstein model has its own"
-        )
-    given = {"orders": None if order is None else (order, order), "delay": delay}
-    options = {name: value for name, value in given.items() if value is not None}
-    return fit_wiener_hammerstein_structure(record, options, initial_state=initial_state, progress=progress)
+    return fit_physical(record, model, initial_state, progress)

@@ -20,7 +20,7 @@ from sysid.diagnosis.physics_descents import (
 )
 from sysid.diagnosis.physics_directions import directions, probes
 from sysid.diagnosis.physics_free_run import free_run, runs
-from sysid.diagnosis.physics_hold import band_limited
+from sysid.diagnosis.physics_hold import SMOOTHER, band_limited
 from sysid.diagnosis.physics_laws import SMOOTH_LAWS, SWITCHES, has_law, with_level
 from sysid.diagnosis.physics_parameters import named_parameters, standard_errors
 from sysid.diagnosis.physics_points import moved
@@ -40,8 +40,6 @@ SEARCH_ROWS = 2_500
 RESTARTS, MORE_RESTARTS = 4, 16
 SPREAD = 0.25
 SEED = 7
-# The input counts as smooth between samples when that lowers the error to this share at least.
-SMOOTHER = 0.7
 GAIN_ROWS, SAME_DIRECTION = 1_000, 1e-4
 DIVERGES = "it diverges"
 

@@ -52,6 +52,11 @@ class PiecewiseJudged:
         return self.fit.model
 
     @property
+    def validation_error(self) -> float:
+        """One-step error on validation rows of the chosen number of modes."""
+        return min(error for _, error in self.tried)
+
+    @property
     def title(self) -> str:
         """Heading."""
         return f"piecewise affine LFT model of {self.model.map.modes} modes"

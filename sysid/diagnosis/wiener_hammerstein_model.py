@@ -52,13 +52,14 @@ class WienerHammersteinJudged(Refitted):
     def title(self) -> str:
         """Heading."""
         n1, n2 = self.fit.orders
+        if self.name != WIENER_HAMMERSTEIN:
+            return f"{self.name.capitalize()} model of order {n1 + n2}"
         return f"Wiener-Hammerstein model of orders {n1} and {n2}"
 
     @property
     def subject(self) -> str:
         """Start of a sentence."""
-        n1, n2 = self.fit.orders
-        return f"A Wiener-Hammerstein model of orders {n1} and {n2}"
+        return f"A {self.title}"
 
     @property
     def period(self) -> float:
@@ -241,4 +242,10 @@ def fit_wiener_hammerstein_structure(
     """
     choice = choose_wiener_hammerstein(record, initial_state=initial_state, progress=progress, **options)
     runs = [choice.fit.model.map_input(record.u[part, 0])[record.learning[part]] for part in record.slices]
-    return WienerHammersteinJudged(choice, dict(record.units), np.concatenate(runs), initial_state)
+    return WienerHammersteinJudged(
+        choice,
+        dict(record.units),
+        np.concatenate(runs),
+        initial_state,
+        name=str(options.get("shape", WIENER_HAMMERSTEIN)),
+    )

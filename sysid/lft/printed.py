@@ -16,6 +16,7 @@ from sysid.lft.estimate import Start, first_start, given_start
 from sysid.lft.problem import LftProblem
 from sysid.lft.signals import Data, signals_of, usable_rows
 from sysid.lft.structure import LftStructure
+from sysid.lft.threads import on_one_thread
 from sysid.separable import kaufman_jacobian, project
 
 Floats = NDArray[np.float64]
@@ -52,6 +53,7 @@ class PrintedSearch:
         return self.costs[1:] / self.costs[:-1]
 
 
+@on_one_thread
 def printed_search(
     data: Data,
     structure: LftStructure,

@@ -170,7 +170,7 @@ def explore_ports(
     plant = plant_of(model)
     stretches = make_stretches(record, plant, record.validation if rows is None else np.asarray(rows, bool))
     found = plant.ports(record, ports)
-    curves = []
+    curves, known = [], None
     with threadpool_limits(1):  # blocks are small: further threads only wait for one another
         for number, port in enumerate(found):
             if progress is not None:
@@ -178,7 +178,8 @@ def explore_ports(
             if not enough_rows(plant, stretches):
                 curves.append(_blank(record, port, "it has too few rows"))
                 continue
-            baseline = fit_baseline(plant, port, stretches)
+            baseline = fit_baseline(plant, port, stretches, known)
+            known = baseline[1]
             curves.append(_curve(record, port, baseline, fit_port(port, baseline)))
     if progress is not None:
         progress(len(found), len(found))
