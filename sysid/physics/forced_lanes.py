@@ -85,7 +85,7 @@ def hyperbolic_tangent(x: float) -> float:
 def sine(x: float) -> float:
     """Return sin(x): the multiple of pi next to x is taken off, then Taylor's series."""
     turns = np.floor(x * (1.0 / math.pi) + 0.5)
-    r = (x - turns * PI_HEAD) - turns * PI_TAIL
+    r: float = (x - turns * PI_HEAD) - turns * PI_TAIL
     q = r * r
     s = 1.0 - q * (1.0 / (18.0 * 19.0))
     s = 1.0 - q * (1.0 / (16.0 * 17.0)) * s
