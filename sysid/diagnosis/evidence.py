@@ -6,9 +6,11 @@ import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
 
+# Simulated records without an effect: p-values are multiples of 1/2000.
 REPLICATES = 1999
 # Directions that the others already span to this share are left out.
 DEPENDENT = 1e-7
+# Blocks of rows of a paired test.
 BLOCKS = 24
 
 

@@ -23,7 +23,9 @@ from sysid.errors import UsageError
 
 # Relative step of a difference quotient: between rounding and curvature for values of any size.
 STEP = 1e-5
+# A step in a strength is enlarged until its change is this share of what it is added to.
 LEAST_FELT = 1e-6
+# Least value of a shape whose bound is zero, as a share of the largest one on its grid.
 LEAST_SHAPE = 1e-6
 # Ports of effects that act within the equation; the compiled run takes so many.
 DRIVING, MOST_DRIVES = ("force", "gain"), 2

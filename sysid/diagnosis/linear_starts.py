@@ -9,7 +9,9 @@ from sysid.diagnosis.linear_kernels import is_stable, simulate
 from sysid.diagnosis.sign_retrieval import retrieved_signs
 from sysid.diagnosis.structures import WHITE
 
+# Rounds of fitting under the signs of the fit before.
 RETRIEVALS = 6
+# Regressions, each filtered by the denominator of the one before.
 REFILTERED = 4
 
 

@@ -19,9 +19,11 @@ from sysid.linear.forms import Floats
 from sysid.linear.simulation import simulate_state_space
 from sysid.linear.uncertainty import autoregression
 
+# Blocks of time whose contributions are compared, and the fewest rows or means that they are cut from.
 BLOCKS = 24
-FEWEST_REVERSALS = 4
 FEWEST_MEANS = 10 * BLOCKS
+FEWEST_REVERSALS = 4
+# From one time scale to the next.
 LADDER = 4
 # What the test adds to the false alarms of all looks together: a fifth of their level.
 LOOKS = 5

@@ -14,9 +14,11 @@ from sysid.linear.uncertainty import autoregression
 
 # Series of more rows are thinned: by then any contrast worth a sentence is significant.
 MOST_ROWS = 25_000
+# As many surrogates as so many rows in all allow, between these bounds.
 DRAWS_ROWS = 12_000_000
 MOST_DRAWS, FEWEST_DRAWS = 999, 499
 SEED = 20_260
+# Rows before a surrogate begins, so that its noise model has forgotten its start.
 BURN_IN = 2_000
 
 
