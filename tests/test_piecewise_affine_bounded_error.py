@@ -10,16 +10,17 @@ from scipy.optimize import linprog
 from sysid.errors import IdentifiabilityError, UsageError
 from sysid.nonlinearities.piecewise_affine import (
     ModesAgainstDelta,
+    PartitionSearch,
     bounded_error,
     knee,
     label_error,
     modes_against_delta,
     plot_modes_against_delta,
 )
-from sysid.nonlinearities.piecewise_affine.bounded_error import partition
 from sysid.nonlinearities.piecewise_affine.points import Points, regions_of
 from sysid.nonlinearities.piecewise_affine.refinement import INFEASIBLE, UNDECIDED, classify
 from sysid.nonlinearities.piecewise_affine.separation import by_linear_programming
+from sysid.nonlinearities.piecewise_affine.subsystems import partition
 
 
 def seeded(seed=0):
@@ -185,7 +186,7 @@ def test_bad_settings_are_said_in_one_sentence():
         with pytest.raises(UsageError, match="delta is"):
             bounded_error(z, w, delta, rng=seeded())
     with pytest.raises(UsageError, match="starts is 0"):
-        bounded_error(z, w, 1.0, rng=seeded(), starts=0)
+        bounded_error(z, w, 1.0, rng=seeded(), search=PartitionSearch(starts=0))
     with pytest.raises(UsageError, match="separation is 'magic'"):
         bounded_error(z, w, 0.3, rng=seeded(), separation="magic")
     with pytest.raises(IdentifiabilityError, match=r"no 3 points agree .* larger delta"):

@@ -22,6 +22,7 @@ from sysid.nonlinearities.piecewise_affine import (
     BoundedError,
     GlobalSearch,
     KPlane,
+    PartitionSearch,
     Stage,
     bounded_error,
     label_error,
@@ -47,7 +48,8 @@ THRESHOLDS = (1e-2, 1e-3, 1e-4)
 def stages(example: Example, name: str) -> tuple[Stage, ...]:
     """Return the map stage of iteration 1, 2, ... by its name."""
     if name == "bounded-error":
-        return tuple(BoundedError(delta, discard=SMALLEST_MODE, convex=True) for delta in example.deltas)
+        search = PartitionSearch(discard=SMALLEST_MODE)
+        return tuple(BoundedError(delta, search, convex=True) for delta in example.deltas)
     if name == "k-plane":
         return (KPlane(2, restarts=5),)
     return (GlobalSearch(2),)

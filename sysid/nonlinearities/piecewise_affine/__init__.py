@@ -22,6 +22,7 @@ from sysid.nonlinearities.piecewise_affine.joined import Joined, joined
 from sysid.nonlinearities.piecewise_affine.k_plane import k_plane
 from sysid.nonlinearities.piecewise_affine.map import PiecewiseAffineMap
 from sysid.nonlinearities.piecewise_affine.stages import BoundedError, GlobalSearch, KPlane
+from sysid.nonlinearities.piecewise_affine.subsystems import PartitionSearch
 
 __all__ = [
     "BoundedError",
@@ -29,6 +30,7 @@ __all__ = [
     "Joined",
     "KPlane",
     "ModesAgainstDelta",
+    "PartitionSearch",
     "PiecewiseAffineFit",
     "PiecewiseAffineMap",
     "Stage",

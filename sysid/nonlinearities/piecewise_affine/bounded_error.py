@@ -1,11 +1,8 @@
 """Bounded-error procedure: as few submodels as explain the points within a bound."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sysid.errors import IdentifiabilityError, UsageError
 from sysid.nonlinearities.piecewise_affine.descent import assign, directions
 from sysid.nonlinearities.piecewise_affine.fit import (
     PiecewiseAffineFit,
@@ -13,16 +10,13 @@ from sysid.nonlinearities.piecewise_affine.fit import (
     in_the_middle,
     region_labels,
 )
-from sysid.nonlinearities.piecewise_affine.points import Points, neighbourhoods, regions_of
-from sysid.nonlinearities.piecewise_affine.refinement import INFEASIBLE, refined
-from sysid.nonlinearities.piecewise_affine.relaxation import largest_subsystem
+from sysid.nonlinearities.piecewise_affine.points import Points, regions_of
 from sysid.nonlinearities.piecewise_affine.separation import Separation, separated
+from sysid.nonlinearities.piecewise_affine.subsystems import USUAL, WHO, PartitionSearch, misfits, subsystems
 
 Floats = NDArray[np.float64]
 Labels = NDArray[np.intp]
 
-WHO = "bounded error"
-MOST_MODES = 40
 CENTRING = 60
 TOLERATED = 0.05
 """Where more than this share of the sorted points is on the wrong side, modes get several regions."""
@@ -34,12 +28,7 @@ def bounded_error(
     delta: float,
     *,
     rng: np.random.Generator,
-    starts: int = 6,
-    cycles: int = 15,
-    neighbours: int = 10,
-    merge: float = 0.02,
-    discard: float = 0.02,
-    rounds: int = 20,
+    search: PartitionSearch = USUAL,
     separation: Separation = "linear-programming",
     polish: bool = False,
     convex: bool = False,
@@ -63,16 +52,8 @@ def bounded_error(
     delta : float
         Bound on the error, in the unit of w; on that of each output for a vector-valued w.
     rng : numpy.random.Generator
-    starts, cycles : int
-        Starts of each relaxation, and how often each visits all points.
-    neighbours : int
-        A point that several submodels explain follows the majority of so many neighbours.
-    merge : float
-        Two submodels are joined where one explains their points but for this share.
-    discard : float
-        A mode with less than this share of all points is dropped.
-    rounds : int
-        Of the refinement, at most.
+    search : PartitionSearch, optional
+        Settings of the first two steps.
     separation : {"linear-programming", "svm"}
         The second one needs scikit-learn.
     polish : bool
@@ -104,17 +85,7 @@ def bounded_error(
     array([-0.5,  1. ])
     """
     points = Points.of(z, w, who=WHO)
-    found = subsystems(
-        points,
-        delta,
-        rng,
-        starts=starts,
-        cycles=cycles,
-        neighbours=neighbours,
-        merge=merge,
-        discard=discard,
-        rounds=rounds,
-    )
+    found = subsystems(points, delta, rng, search)
     theta, sure = found.theta, np.flatnonzero(found.labels >= 0)
     z_sure, labels_sure = np.ascontiguousarray(points.z[sure]), found.labels[sure]
     tolerated = 1.0 if convex else TOLERATED
@@ -133,83 +104,6 @@ def bounded_error(
             "modes: try another delta"
         )
     return assembled(points, rows, owners, np.where(outliers, -1, placed), status, outliers=outliers)
-
-
-@dataclass(frozen=True, eq=False)
-class Subsystems:
-    """Submodels and the points that belong to each, before hyperplanes are put between them.
-
-    Attributes
-    ----------
-    theta : ndarray, shape (modes, n_z + 1, n_w)
-        Scaled.
-    labels : ndarray of int, shape (n_points,)
-        Negative where a point belongs to none or is undecided.
-    partition : int
-        Number of subsystems of the greedy partition, before any were joined or dropped.
-    """
-
-    theta: Floats
-    labels: Labels
-    partition: int
-
-    @property
-    def unexplained(self) -> float:
-        """Share of the points that no submodel explains."""
-        return float(np.mean(self.labels == INFEASIBLE))
-
-
-def subsystems(
-    points: Points,
-    delta: float,
-    rng: np.random.Generator,
-    *,
-    starts: int,
-    cycles: int,
-    neighbours: int,
-    merge: float,
-    discard: float,
-    rounds: int,
-) -> Subsystems:
-    """Return the first two steps of `bounded_error`."""
-    _check(delta, starts, cycles, neighbours, rounds)
-    bound = delta / points.unit
-    smallest = max(points.n_z + 2, int(np.ceil(discard * points.n)))
-    theta = partition(points, bound, rng, starts=starts, cycles=cycles, smallest=smallest)
-    count = theta.shape[0]
-    theta, labels = refined(
-        points, theta, bound, neighbours=neighbours, merge=merge, smallest=smallest, rounds=rounds
-    )
-    if np.bincount(labels[labels >= 0], minlength=1).max() < points.n_z + 2:
-        raise IdentifiabilityError(
-            f"{WHO}: no {points.n_z + 2} points agree with one affine submodel within delta = {delta:g}; "
-            "give a larger delta"
-        )
-    return Subsystems(theta, labels, count)
-
-
-def partition(
-    points: Points, bound: float, rng: np.random.Generator, *, starts: int, cycles: int, smallest: int
-) -> Floats:
-    """Return submodels (subsystems, n_z + 1, n_w), scaled, that explain the points within a bound.
-
-    Greedy: each explains as many of the points that are left as relaxation can find.  It ends where fewer
-    than ``smallest`` points agree with one.
-    """
-    z, w = points.z, points.w
-    found: list[Floats] = []
-    while z.shape[0] >= smallest and len(found) < MOST_MODES:
-        seeds = rng.integers(0, z.shape[0], starts - 1)
-        orders = rng.permuted(np.tile(np.arange(z.shape[0]), (cycles, 1)), axis=1)
-        near = min(max(3 * (points.n_z + 1), z.shape[0] // 20), z.shape[0])
-        theta = np.zeros((points.n_z + 1, points.n_w))
-        count = largest_subsystem(z, w, bound, neighbourhoods(z, seeds, near), orders, theta)
-        if count < smallest and found:
-            break
-        found.append(theta)
-        rest = misfits(z, w, theta) > bound
-        z, w = np.ascontiguousarray(z[rest]), np.ascontiguousarray(w[rest])
-    return np.array(found)
 
 
 def _polished(
@@ -245,11 +139,6 @@ def trimmed(points: Points, theta: Floats, labels: Labels, bound: float) -> NDAr
     return outliers
 
 
-def misfits(z: Floats, w: Floats, theta: Floats) -> Floats:
-    """Return the largest residual, over the outputs, of each point."""
-    return np.asarray(np.abs(w - z @ theta[:-1] - theta[-1]).max(axis=1, initial=0.0))
-
-
 def _status(delta: float, subsystems: int, owners: Labels, undecided: int, share: float) -> str:
     modes = int(owners.max()) + 1
     words = (
@@ -259,16 +148,3 @@ def _status(delta: float, subsystems: int, owners: Labels, undecided: int, share
     if owners.size > modes:
         words += f"; {owners.size} regions share the modes, for one hyperplane cannot hold a mode together"
     return words
-
-
-def _check(delta: float, starts: int, cycles: int, neighbours: int, rounds: int) -> None:
-    if not (np.isfinite(delta) and delta > 0.0):
-        raise UsageError(f"{WHO}: delta is {delta}; give the bound on the error, a number > 0")
-    for name, value in (
-        ("starts", starts),
-        ("cycles", cycles),
-        ("neighbours", neighbours),
-        ("rounds", rounds),
-    ):
-        if value < 1:
-            raise UsageError(f"{WHO}: {name} is {value}; give 1 at least")

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import UsageError
-from sysid.nonlinearities.piecewise_affine.bounded_error import subsystems
 from sysid.nonlinearities.piecewise_affine.points import Points
+from sysid.nonlinearities.piecewise_affine.subsystems import USUAL, PartitionSearch, subsystems
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,18 +54,13 @@ def modes_against_delta(
     *,
     rng: np.random.Generator,
     runs: int = 1,
-    starts: int = 6,
-    cycles: int = 15,
-    neighbours: int = 10,
-    merge: float = 0.02,
-    discard: float = 0.02,
-    rounds: int = 20,
+    search: PartitionSearch = USUAL,
 ) -> ModesAgainstDelta:
     """Return how many modes explain the points within each bound (figure 5.3 of Pepona).
 
     Parameters
     ----------
-    z, w, rng, starts, cycles, neighbours, merge, discard, rounds
+    z, w, rng, search
         As in `bounded_error`.
     deltas : array_like, shape (n_deltas,)
         Bounds; equally spaced logarithms show the knee best.
@@ -95,20 +90,7 @@ def modes_against_delta(
     points = Points.of(z, w, who="modes against delta")
     modes, unexplained = [], []
     for delta in bounds:
-        found = [
-            subsystems(
-                points,
-                float(delta),
-                rng,
-                starts=starts,
-                cycles=cycles,
-                neighbours=neighbours,
-                merge=merge,
-                discard=discard,
-                rounds=rounds,
-            )
-            for _ in range(runs)
-        ]
+        found = [subsystems(points, float(delta), rng, search) for _ in range(runs)]
         best = min(found, key=lambda one: one.theta.shape[0])
         modes.append(best.theta.shape[0])
         unexplained.append(best.unexplained)

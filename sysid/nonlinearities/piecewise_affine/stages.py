@@ -10,6 +10,7 @@ from sysid.nonlinearities.piecewise_affine.fit import PiecewiseAffineFit
 from sysid.nonlinearities.piecewise_affine.global_search import global_search
 from sysid.nonlinearities.piecewise_affine.k_plane import k_plane
 from sysid.nonlinearities.piecewise_affine.separation import Separation
+from sysid.nonlinearities.piecewise_affine.subsystems import USUAL, PartitionSearch
 
 
 @dataclass(frozen=True)
@@ -25,12 +26,7 @@ class BoundedError:
     """
 
     delta: float
-    starts: int = 6
-    cycles: int = 15
-    neighbours: int = 10
-    merge: float = 0.02
-    discard: float = 0.02
-    rounds: int = 20
+    search: PartitionSearch = USUAL
     separation: Separation = "linear-programming"
     polish: bool = False
     convex: bool = False
@@ -42,12 +38,7 @@ class BoundedError:
             w,
             self.delta,
             rng=rng,
-            starts=self.starts,
-            cycles=self.cycles,
-            neighbours=self.neighbours,
-            merge=self.merge,
-            discard=self.discard,
-            rounds=self.rounds,
+            search=self.search,
             separation=self.separation,
             polish=self.polish,
             convex=self.convex,
