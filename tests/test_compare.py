@@ -16,7 +16,7 @@ from scipy import signal
 from sysid.cli import main
 from sysid.data import make_record
 from sysid.diagnosis.compare import compare
-from sysid.diagnosis.figures import WIDE, envelope
+from sysid.diagnosis.drawing import WIDE, envelope
 from sysid.diagnosis.figures_residual import correlations, power_density
 from sysid.diagnosis.residuals import input_independence, whiteness
 from sysid.diagnosis.scores import nrmse_interval, score

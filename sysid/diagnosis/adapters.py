@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sysid.data import Record
-from sysid.diagnosis.models import LINEAR, ParameterValue
+from sysid.diagnosis.fitted_model import LINEAR, ParameterValue
 from sysid.diagnosis.scores import finite
 from sysid.diagnosis.wording import ordinal, quantity
 

@@ -9,7 +9,7 @@ from sysid.errors import IdentifiabilityError, ModelError, UsageError
 
 if TYPE_CHECKING:
     from sysid.data import Record
-    from sysid.diagnosis.models import FittedModel
+    from sysid.diagnosis.fitted_model import FittedModel
     from sysid.diagnosis.piecewise_model import PiecewiseJudged
 
 Progress = Callable[[int, int], None] | None

@@ -4,7 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.diagnosis.figures import MEASURED, NARROW, legend, line_look, plain, scored_places
+from sysid.diagnosis.drawing import MEASURED, NARROW, legend, line_look, plain
+from sysid.diagnosis.figures_run import scored_places
 from sysid.diagnosis.wording import ordinal, quantity
 from sysid.reporting.style import COLOURS, GREY, MARKERS, series, subplots
 

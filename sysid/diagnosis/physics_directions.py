@@ -2,18 +2,16 @@
 
 from collections.abc import Iterator
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sysid.diagnosis.effects.base import Effect, Floats, Form
 from sysid.diagnosis.physics_free_run import runs
+from sysid.diagnosis.physics_problem import problem_of
 from sysid.diagnosis.physics_search import DRY_PROBE, PROBE, problem_point, shape_values
+from sysid.diagnosis.physics_setting import Setting
 from sysid.diagnosis.structures import Choice, StructureFit
 from sysid.physics.forced import NO_LAW, ForcedPlant
-
-if TYPE_CHECKING:
-    from sysid.diagnosis.physics_structure import PhysicsStructure
 
 DEGREES = (2, 3, 4, 5)
 EXTRA_LAGS = 8
@@ -21,7 +19,7 @@ EXTRA_LAGS = 8
 MOST_SHAPES = 24
 
 
-def directions(structure: "PhysicsStructure", fit: StructureFit, effect: Effect) -> list[Floats]:
+def directions(setting: Setting, fit: StructureFit, effect: Effect) -> list[Floats]:
     """Return how an effect, added to a fit, would change its free run, at a grid of its shapes.
 
     Each of shape (n_samples, n_columns): one column for each strength, or the change itself.
@@ -33,16 +31,14 @@ def directions(structure: "PhysicsStructure", fit: StructureFit, effect: Effect)
         strengths = [j for j, p in enumerate(form.parameters) if p.is_strength]
         if len(form.shapes) > 1 and not strengths and len(effect.forms) > 1:
             continue  # the symmetric form stands for the two-sided one
-        found += _of_form(structure, fit, Choice(effect, form), strengths)
+        found += _of_form(setting, fit, Choice(effect, form), strengths)
     return found
 
 
-def _of_form(
-    structure: "PhysicsStructure", fit: StructureFit, choice: Choice, strengths: list[int]
-) -> list[Floats]:
+def _of_form(setting: Setting, fit: StructureFit, choice: Choice, strengths: list[int]) -> list[Floats]:
     """Return the directions of one form."""
-    before = structure.problem_of(fit)
-    problem = structure.problem_of(fit, (*fit.choices, choice))
+    before = problem_of(setting, fit)
+    problem = problem_of(setting, fit, (*fit.choices, choice))
     first = problem.effect_places[-1].start
     start = problem_point(problem, before, fit.point)
     shapes = _thinned(list(product(*shape_values(problem, len(fit.choices)))), choice.form)
@@ -79,16 +75,15 @@ def _thinned(shapes: list[tuple[float, ...]], form: Form) -> list[tuple[float, .
     return shapes[::step]
 
 
-def probes(structure: "PhysicsStructure", fit: StructureFit) -> Floats:
+def probes(setting: Setting, fit: StructureFit) -> Floats:
     """Return directions in which an effect that is not in any list would show.
 
     Functions of input, position, speed and time, added to the output, to the input and, where the
     model has a moving body, to the force on it; and lags of the input.
     """
-    problem = structure.problem_of(fit)
-    record, plant = structure.record, structure.plant
-    values = structure.setting.known.copy()
-    values[structure.setting.places] = structure.setting.to_values(fit.point[: problem.n_model])
+    problem = problem_of(setting, fit)
+    record, plant = setting.record, setting.plant
+    values = setting.values_of(fit.point)
     numbers = {part.start: number for number, part in enumerate(problem.parts)}
     found = []
     for part in record.slices:
@@ -101,15 +96,15 @@ def probes(structure: "PhysicsStructure", fit: StructureFit) -> Floats:
         if port.velocity == port.position and port.velocity is not None:
             speed = np.gradient(position)
         functions = np.array(list(_functions(u[:, 0], position, speed)))
-        through = _through(structure, values, functions)
+        through = _through(setting, values, functions)
         lags = [_lagged(u[:, 0], lag) for lag in range(2 * plant.order + EXTRA_LAGS + 1)]
         found.append(np.vstack([functions, *through, lags]))
     return np.ascontiguousarray(np.nan_to_num(np.concatenate(found, axis=1)).T)
 
 
-def _through(structure: "PhysicsStructure", values: Floats, signals: Floats) -> list[Floats]:
+def _through(setting: Setting, values: Floats, signals: Floats) -> list[Floats]:
     """Return the responses to signals at the input and at the port of forces, from rest."""
-    plant = structure.plant
+    plant = setting.plant
     lanes = signals.shape[0]
     many = np.tile(values, (lanes, 1))
     laws = np.tile(NO_LAW, (lanes, 1))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.physics_problem import Problem
+from sysid.diagnosis.physics_problem import Problem, finite
 from sysid.diagnosis.structures import FittedParameter
 
 # Singular values below this share of the largest belong to directions that the output does not show,
@@ -39,7 +39,8 @@ def standard_errors(problem: Problem, point: Floats) -> Floats:
     -------
     ndarray, shape (n_unknowns,)
     """
-    J = problem.jacobian(point)
+    with np.errstate(all="ignore"):
+        J = finite(problem.jacobian(point))
     error = problem.residual(point)
     scale = np.linalg.norm(J, axis=0)
     lost = scale == 0.0

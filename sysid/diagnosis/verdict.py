@@ -11,6 +11,8 @@ from sysid.diagnosis.structures import WHITE, StructureFit
 SUSPECT_P_VALUE = 3e-3
 # Something is left when the probes find this share of the explainable.
 LEFT_SHARE, SUSPECT_SHARE = 0.01, 0.004
+# Where everything is significant, effects explain a record unless they leave more than they explain.
+MOST_LEFT = 0.5
 # Effects stay accepted beside something unexplained if they leave at most this share of the explainable.
 LEAST_EXPLAINED = 0.9
 
@@ -63,6 +65,8 @@ class Judge:
             # All rows that may be learnt from: a trace is weaker than what the search stopped at.
             rows = evidence.structure.record.learning
             chance, share = SUSPECT_P_VALUE, SUSPECT_SHARE
+        if fits and evidence.smooth:
+            share = MOST_LEFT
         left_p, left_share, floor = evidence.left(baseline, final, rows)
         if left_p < chance and left_share > share:
             useful = explains_most(left_share)

@@ -52,11 +52,6 @@ class PrintedSearch:
         """Cost after each step over that before it; the printed test stops at the first one below rho."""
         return self.costs[1:] / self.costs[:-1]
 
-    @property
-    def n_uphill(self) -> int:
-        """Steps that raised the cost and were kept."""
-        return int(np.sum(np.diff(self.costs) > 0.0))
-
 
 @on_one_thread
 def printed_search(

@@ -231,11 +231,12 @@ class ForcedPlant:
         ndarray, shape (lanes, n_samples)
             Not a number from where a run diverges on.
         """
-        from sysid.physics.forced_kernels import forced_runs, linear_runs
+        from sysid.physics.forced_kernels import linear_runs
+        from sysid.physics.forced_lanes import lane_runs
 
         lanes = values.shape[0]
         signal = u[np.newaxis, :, np.newaxis] if u.ndim == 1 else (u[np.newaxis] if u.ndim == 2 else u)
-        signal = np.ascontiguousarray(signal)
+        signal = np.require(signal, requirements=["C", "W"])  # a kernel is compiled for one kind of array
         pieces = 1 if self.hold == "zero" else PIECES
         period = self.period / pieces
         if pieces > 1:
@@ -254,7 +255,7 @@ class ForcedPlant:
             linear_runs(plants, self.order, by_input, direct, signal, at_start, period, y, inner)
         else:
             step = period / substeps
-            forced_runs(
+            lane_runs(
                 *(plants, self.order, self.same, by_input, direct, signal, at_start, step, substeps, y, inner)
             )
         if states is not None:
