@@ -32,6 +32,8 @@ class Trial:
         Root mean square of the free-run error on the validation rows.
     innovation : float
         Root mean square of the innovations on the validation rows.
+    looks : int
+        Places at which all candidates were tried.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Trial:
     p_value: float = 1.0
     validation: float = np.inf
     innovation: float = np.inf
+    looks: int = 1
 
 
 @dataclass(frozen=True, eq=False)

@@ -168,6 +168,7 @@ class Trials:
                     p_value=min(screen.p_value(statistic), by_fit),
                     validation=evidence.held_out_error(trial.fit, WHITE),
                     innovation=evidence.held_out_error(trial.fit, own.polynomial),
+                    looks=screen.n_points,
                 )
             )
         return tuple(found)

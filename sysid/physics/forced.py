@@ -17,7 +17,7 @@ MOST_STATES = 4
 MOST_SUBSTEPS = 200
 # A smooth input is a staircase of so many steps between samples, each as high as the spline at its middle.
 PIECES = 4
-# The law without effects: seventeen coefficients, in the order of `sysid.physics.forced_kernels`.
+# The law without effects: eighteen coefficients, in the order of `sysid.physics.forced_kernels`.
 LAW_NAMES = (
     "friction_forward",
     "friction_back",
@@ -36,6 +36,7 @@ LAW_NAMES = (
     "first_cap",
     "second_cap",
     "caught",
+    "loop_bend",
 )
 _NO_LAW = dict.fromkeys(LAW_NAMES, 0.0) | {
     "stribeck_speed": 1.0,
@@ -215,7 +216,7 @@ class ForcedPlant:
         ----------
         values : ndarray, shape (lanes, n_parameters)
             Every parameter of the model, in its order.
-        laws : ndarray, shape (lanes, 17)
+        laws : ndarray, shape (lanes, 18)
             See `law`.
         u : ndarray, shape (n_samples,), (n_samples, n_inputs) or (lanes, n_samples, n_inputs)
         starts : ndarray, shape (lanes, n_states), optional
