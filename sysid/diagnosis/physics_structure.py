@@ -144,6 +144,19 @@ class PhysicsStructure:
         self._use(smooth.plant)
         return self._baseline(rows)
 
+    def held_or_smooth(self) -> bool:
+        """Take the input's other course between samples; tell whether it may have another.
+
+        What is missing can change the free run more than the course between samples does, so that the
+        baseline does not show which one it is.
+        """
+        if not isinstance(self.plant, ForcedPlant) or not band_limited(self.record, self.record.learning):
+            return False
+        other = "zero" if self.plant.hold == "smooth" else "smooth"
+        self._hold_chosen = True
+        self._use(ForcedPlant(self.model, self.record.period, other))
+        return True
+
     def _use(self, plant: Plant) -> None:
         self.plant = plant
         self.setting = setting_of(self.record, self.model, plant, self.free_start)
