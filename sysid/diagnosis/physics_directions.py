@@ -1,6 +1,5 @@
 """Directions in which an effect, listed or not, would change the free run of a physical model."""
 
-from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
@@ -10,11 +9,10 @@ from sysid.diagnosis.physics_free_run import runs
 from sysid.diagnosis.physics_problem import problem_of
 from sysid.diagnosis.physics_search import DRY_PROBE, PROBE, problem_point, shape_values
 from sysid.diagnosis.physics_setting import Setting
+from sysid.diagnosis.probe_functions import EXTRA_LAGS, probe_functions
 from sysid.diagnosis.structures import Choice, StructureFit
 from sysid.physics.forced import NO_LAW, ForcedPlant
 
-DEGREES = (2, 3, 4, 5)
-EXTRA_LAGS = 8
 # Larger grids are thinned out: neighbours would tell the same.
 MOST_SHAPES = 24
 
@@ -95,7 +93,8 @@ def probes(setting: Setting, fit: StructureFit) -> Floats:
         speed = np.gradient(y) if port.velocity is None else states[0, :, port.velocity]
         if port.velocity == port.position and port.velocity is not None:
             speed = np.gradient(position)
-        functions = np.array(list(_functions(u[:, 0], position, speed)))
+        time = np.linspace(-1.0, 1.0, u.shape[0])
+        functions = np.array([*probe_functions(u[:, 0], _lagged(u[:, 0], 1), position, speed, time)])
         through = _through(setting, values, functions)
         lags = [_lagged(u[:, 0], lag) for lag in range(2 * plant.order + EXTRA_LAGS + 1)]
         found.append(np.vstack([functions, *through, lags]))
@@ -115,29 +114,6 @@ def _through(setting: Setting, values: Floats, signals: Floats) -> list[Floats]:
     if isinstance(plant, ForcedPlant) and plant.port.velocity is not None:
         found.append(np.array([plant.respond(values, signal) for signal in signals]))
     return found
-
-
-def _functions(u: Floats, position: Floats, speed: Floats) -> Iterator[Floats]:
-    before = _lagged(u, 1)
-    rise = _scaled(u - before)
-    signals = [_scaled(signal) for signal in (u, position, speed)]
-    for signal in signals:
-        for degree in DEGREES:
-            yield np.polynomial.legendre.Legendre.basis(degree)(np.clip(signal / 3.0, -1.0, 1.0))
-        yield np.sign(signal)
-    u, position, speed = signals
-    before = _scaled(before)
-    yield from (u * position, u * speed, position * speed, u * before, np.sign(rise), np.abs(rise))
-    yield from (u * np.sign(speed), position * np.abs(speed), position**2 * speed, u * np.abs(rise))
-    yield from (u**2 * before, u * before**2, position**2 * u, np.sign(speed) * np.abs(position))
-    time = np.linspace(-1.0, 1.0, u.size)
-    for factor in (np.ones(u.size), u, position):
-        for degree in (0, 1, 2, 3):
-            yield factor * np.polynomial.legendre.Legendre.basis(degree)(time)
-
-
-def _scaled(signal: Floats) -> Floats:
-    return np.asarray(signal / (float(np.std(signal)) or 1.0))
 
 
 def _lagged(signal: Floats, lag: int) -> Floats:

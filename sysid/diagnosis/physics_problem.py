@@ -21,6 +21,7 @@ FURTHEST = 3.0
 # Step of the difference quotients, relative to the size of the unknown: truncation and rounding both
 # stay below 1e-5 of the derivative.
 DIFFERENCE = 1e-6
+# An unknown near zero is moved as one of this share of its typical size.
 SMALLEST_SHARE = 1e-2
 
 

@@ -151,7 +151,8 @@ def lane_rates(
     caught = w[fk.CAUGHT * WIDTH + i] * max(d0, 0.0)
     d1 += caught if z0 >= first_cap else 0.0
     # Here the stiffness of the elastic-plastic element stands divided by its yield force.
-    change = w[fk.ELASTIC * WIDTH + i] * (z0 - abs(z0) * memory)
+    bend = w[fk.LOOP_BEND * WIDTH + i]
+    change = w[fk.ELASTIC * WIDTH + i] * (z0 * (1.0 - bend * abs(memory)) - abs(z0) * memory)
     return moving * d0, d1, d2, d3, change
 
 
