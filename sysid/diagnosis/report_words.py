@@ -61,7 +61,7 @@ def _own_constant(diagnosis: "Diagnosis") -> list[str]:
         return []
     spread = f" ± {significant(1.96 * own[0].std_error, 2)}" if np.isfinite(own[0].std_error) else ""
     value = f"{name} = {significant(own[0].value)}{spread} {own[0].unit}".rstrip()
-    return [f"constant_force: already in the model, {value}."]
+    return [f"constant_force: a constant force is part of the model already, {value}."]
 
 
 def _growing(diagnosis: "Diagnosis", judged: str, unit: str) -> list[str]:
