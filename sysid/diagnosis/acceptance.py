@@ -113,5 +113,6 @@ def tied(evidence: Evidence, trials: Sequence[Trial]) -> tuple[str, ...]:
         if trial.fit is not None
         and is_significant(evidence, trial)
         and block_separation(own, filtered(evidence.residual(trial.fit), rows, noise)) < TIED
+        and not (evidence.smooth and (1.0 - LEAST_FALL) * trial.validation > best.validation)
     ]
     return (best.name, *equals) if equals else ()
