@@ -97,8 +97,8 @@ def sine(x: float) -> float:
     s = 1.0 - q * (1.0 / (4.0 * 5.0)) * s
     s = 1.0 - q * (1.0 / (2.0 * 3.0)) * s
     odd = turns - 2.0 * np.floor(0.5 * turns)
-    sign: float = 1.0 - 2.0 * odd
-    return sign * r * s
+    value: float = (1.0 - 2.0 * odd) * r * s
+    return value
 
 
 @branchless
