@@ -16,27 +16,20 @@ def probe_directions(chain: Chain, data: Data, point: Floats) -> Floats:
     """Return the directions, shape (n_probes, n_rows).
 
     Functions of the input, the modelled output and its speed, of their products and of time, added to
-    the output and, through the model's dynamics, to its input; and further lags of the input.
+    the output and, through the model's dynamics with its effects, to its input; and further lags of the
+    input.
     """
     run = chain.run(data, point)
     if run is None:
         return np.empty((0, data.u.size))
     n = chain.order
     functions = np.array(list(_functions(data, run.z)))
-    nothing = np.zeros(data.u.size)
+    _, by_position, by_speed = chain.drive_slopes(data, point, run)
     through = tangent(
-        run.z,
-        run.v,
-        point[:n],
-        point[n : 2 * n],
-        data.begin,
-        False,
-        False,
-        False,
-        nothing,
-        nothing,
-        functions,
-    )[2 * n :]
+        run.z, run.v, point[:n], point[n : 2 * n], data.begin, False, False,
+        bool(chain.drives), by_position, by_speed, functions,
+    )[2 * n :]  # fmt: skip
+    through = chain.through_sensor(data, point, run, through)
     lags = [_lagged(data, data.u, lag) for lag in range(2 * n + EXTRA_LAGS + 1)]
     return np.vstack([functions, through, lags])
 

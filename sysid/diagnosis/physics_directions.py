@@ -8,13 +8,16 @@ import numpy as np
 
 from sysid.diagnosis.effects.base import Effect, Floats, Form
 from sysid.diagnosis.physics_free_run import runs
+from sysid.diagnosis.physics_problem import Problem
 from sysid.diagnosis.physics_search import DRY_PROBE, PROBE, problem_point, shape_values
 from sysid.diagnosis.structures import Choice, StructureFit
-from sysid.physics.forced import NO_LAW, ForcedPlant
+from sysid.physics.forced import ForcedPlant
 
 if TYPE_CHECKING:
     from sysid.diagnosis.physics_structure import PhysicsStructure
 
+# Share of the input at which the response to a small signal is measured.
+RIPPLE = 1e-3
 DEGREES = (2, 3, 4, 5)
 EXTRA_LAGS = 8
 # Larger grids are thinned out: neighbours would tell the same.
@@ -82,13 +85,11 @@ def _thinned(shapes: list[tuple[float, ...]], form: Form) -> list[tuple[float, .
 def probes(structure: "PhysicsStructure", fit: StructureFit) -> Floats:
     """Return directions in which an effect that is not in any list would show.
 
-    Functions of input, position, speed and time, added to the output, to the input and, where the
-    model has a moving body, to the force on it; and lags of the input.
+    Functions of input, position, speed and time, added to the output, to the input of the model with its
+    effects and, where the model has a moving body, to the force on it; and lags of the input.
     """
     problem = structure.problem_of(fit)
     record, plant = structure.record, structure.plant
-    values = structure.setting.known.copy()
-    values[structure.setting.places] = structure.setting.to_values(fit.point[: problem.n_model])
     numbers = {part.start: number for number, part in enumerate(problem.parts)}
     found = []
     for part in record.slices:
@@ -101,22 +102,23 @@ def probes(structure: "PhysicsStructure", fit: StructureFit) -> Floats:
         if port.velocity == port.position and port.velocity is not None:
             speed = np.gradient(position)
         functions = np.array(list(_functions(u[:, 0], position, speed)))
-        through = _through(structure, values, functions)
+        # What is held over a sample is best known in its middle.
+        held = np.array(list(_functions(u[:, 0], _in_the_middle(position), _in_the_middle(speed))))
+        through = _through(problem, fit.point, (part, numbers.get(part.start)), held)
         lags = [_lagged(u[:, 0], lag) for lag in range(2 * plant.order + EXTRA_LAGS + 1)]
         found.append(np.vstack([functions, *through, lags]))
     return np.ascontiguousarray(np.nan_to_num(np.concatenate(found, axis=1)).T)
 
 
-def _through(structure: "PhysicsStructure", values: Floats, signals: Floats) -> list[Floats]:
-    """Return the responses to signals at the input and at the port of forces, from rest."""
-    plant = structure.plant
-    lanes = signals.shape[0]
-    many = np.tile(values, (lanes, 1))
-    laws = np.tile(NO_LAW, (lanes, 1))
-    driven = np.zeros((lanes, signals.shape[1], plant.n_inputs))
-    still = plant.run(values[np.newaxis], NO_LAW[np.newaxis], driven[0])
-    driven[:, :, 0] = signals
-    found = [plant.run(many, laws, driven) - still]
+def _through(
+    problem: Problem, point: Floats, part: tuple[slice, int | None], signals: Floats
+) -> list[Floats]:
+    """Return the responses to signals at the input and at the port of forces."""
+    setting, plant = problem.setting, problem.setting.plant
+    values = setting.known.copy()
+    values[setting.places] = setting.to_values(point[: problem.n_model])
+    moved = problem.moved_by_input(*part, point, RIPPLE * setting.sizes["u"] * signals)
+    found = [moved / (RIPPLE * setting.sizes["u"])]
     if isinstance(plant, ForcedPlant) and plant.port.velocity is not None:
         found.append(np.array([plant.respond(values, signal) for signal in signals]))
     return found
@@ -139,6 +141,11 @@ def _functions(u: Floats, position: Floats, speed: Floats) -> Iterator[Floats]:
     for factor in (np.ones(u.size), u, position):
         for degree in (0, 1, 2, 3):
             yield factor * np.polynomial.legendre.Legendre.basis(degree)(time)
+
+
+def _in_the_middle(signal: Floats) -> Floats:
+    """Return the mean of each value and the next."""
+    return np.asarray(0.5 * (signal + np.append(signal[1:], signal[-1:])))
 
 
 def _scaled(signal: Floats) -> Floats:
