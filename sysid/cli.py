@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 from sysid import __version__
 from sysid.errors import SysidError
 
-DONE, RED_GATE, BAD_INPUT, INTERRUPTED, READER_LEFT = 0, 1, 2, 130, 141
+BAD_INPUT, INTERRUPTED, READER_LEFT = 2, 130, 141
 
 
 class _Parser(argparse.ArgumentParser):

@@ -16,8 +16,8 @@ from scipy import signal
 from sysid.cli import main
 from sysid.data import make_record
 from sysid.diagnosis.compare import compare
-from sysid.diagnosis.figures import envelope
-from sysid.diagnosis.figures_residual import power_density
+from sysid.diagnosis.drawing import WIDE, envelope
+from sysid.diagnosis.figures_residual import correlations, power_density
 from sysid.diagnosis.residuals import input_independence, whiteness
 from sysid.diagnosis.scores import nrmse_interval, score
 from sysid.errors import UsageError
@@ -112,6 +112,29 @@ def test_residual_tests_find_what_is_there():
     test = input_independence(u, e + 0.3 * np.roll(u, 7))
     assert not test.passed
     assert test.lags[np.argmax(np.abs(test.correlation))] == 7
+
+
+def test_each_of_several_inputs_is_named():
+    rng = np.random.default_rng(3)
+    u = rng.standard_normal((900, 3))
+    y = signal.lfilter(B, A, u[:, 0]) + signal.lfilter(B, A, u[:, 1])
+    late = np.concatenate([np.zeros(60), u[:-60, 1]])  # a path that no second-order model has
+    split = np.repeat(["train", "test"], [600, 300])
+    names = ("valve", "heat_er", "door")
+    found = compare(
+        make_record(u, y + late + 0.1 * rng.standard_normal(900), 0.1, inputs=names, split=split),
+        order=2,
+        delay=1,
+        ports=False,
+    )
+    follows = dataclasses.replace(found.tests["whiteness"], p_value=1e-6)
+    found = dataclasses.replace(found, tests=found.tests | {"input_residual_heat_er": follows})
+    said = found.sentences()
+    assert "No linear trace of 'valve' or 'door' is left in the residual on test." in said
+    assert any(s.startswith("The residual on test still follows 'heat_er' linearly (") for s in said)
+    figure, _, reading = correlations(found, WIDE, 2.4)
+    assert [axes.get_ylabel() for axes in figure.axes][2] == "heat_er with residual"
+    assert "it still follows heat_er linearly" in reading
 
 
 def test_cross_correlation_is_that_of_numpy():

@@ -8,6 +8,8 @@ from scipy.integrate import solve_ivp
 from sysid.errors import ModelError
 from sysid.physics import Simulator, load_model
 from sysid.physics.forced import NO_LAW, ForcedPlant, law
+from sysid.physics.forced_kernels import forced_runs
+from sysid.physics.forced_lanes import falling, hyperbolic_tangent, lane_runs, sine
 from sysid.physics.ports import Port, find_port
 
 MSD = {"m": 1.3, "c": 0.4, "k": 5.0}
@@ -219,3 +221,45 @@ def test_ports_follow_from_the_equations():
     assert find_port(load_model("positioning-stage")) == Port(1, 0, constant="offset")
     assert find_port(load_model("thermal-first-order")) == Port()
     assert find_port(load_model("oscillator")) == Port(1, 0)
+
+
+LAWS = {
+    "smooth": law(cubic=0.1, drag=0.5, constant=0.2),
+    "dry": law(friction_forward=0.5, friction_back=0.3),
+    "stribeck": law(friction_forward=0.5, friction_back=0.5, breakaway=0.4, stribeck_speed=0.1),
+    "gain": law(gain=0.3, gain_scale=0.5),
+    "gravity": law(gravity=0.4, wave_number=30.0),
+    "contact": law(**{"elastic": 5.0, "yield": 0.5}),
+    "nothing": law(),
+}
+
+
+@pytest.mark.parametrize("model", ["two-mass", "mass-spring-damper", "dc-motor"])
+def test_runs_side_by_side_are_the_same_as_one_by_one(model: str) -> None:
+    """Every law at once, more lanes than fit side by side; the order of sums differs, so rounding does."""
+    plant = ForcedPlant(load_model(model), 0.05)
+    laws = np.array([*LAWS.values(), *LAWS.values()])
+    generator = np.random.default_rng(0)
+    start = np.array([parameter.start for parameter in plant.model.parameters])
+    values = start * np.exp(0.1 * generator.standard_normal((laws.shape[0], start.size)))
+    u = np.repeat(generator.uniform(-3.0, 3.0, 60), 8)[np.newaxis, :, np.newaxis]
+    plants, by_input, direct = plant.coefficients(values, laws)
+    found = []
+    for runs in (forced_runs, lane_runs):
+        y = np.empty((laws.shape[0], u.shape[1]))
+        states = np.empty((laws.shape[0], u.shape[1], 4))
+        at_start = np.zeros((laws.shape[0], 4))
+        arguments = (plant.order, plant.same, by_input, direct, u, at_start, 0.05 / 3, 3, y, states)
+        runs(plants.copy(), *arguments)
+        found.append((y, states))
+    np.testing.assert_allclose(found[1][0], found[0][0], rtol=0, atol=1e-12 * np.abs(found[0][0]).max())
+    n = plant.order
+    np.testing.assert_allclose(found[1][1][:, :, :n], found[0][1][:, :, :n], rtol=0, atol=1e-11)
+
+
+def test_curves_without_calls_are_those_of_the_library() -> None:
+    """Rounding of 30 operations, six squarings among them: some 100 units in the last place beside 1."""
+    x = np.concatenate([np.linspace(-60.0, 60.0, 1001), [0.0, 1e-9, 1e3]])
+    np.testing.assert_allclose([sine(v) for v in x], np.sin(x), rtol=0, atol=2e-13)
+    np.testing.assert_allclose([hyperbolic_tangent(v) for v in x], np.tanh(x), rtol=0, atol=2e-14)
+    np.testing.assert_allclose([falling(abs(v)) for v in x], np.exp(-np.abs(x)), rtol=2e-14, atol=1e-17)

@@ -27,6 +27,7 @@ from sysid.linear.forms import (
 from sysid.linear.output_error import make_segments
 from sysid.linear.reduction import BLOCK_ROWS, Reduction, Structure
 from sysid.linear.responses import responses
+from sysid.linear.restarts import same_error, same_output
 from sysid.linear.uncertainty import autoregression
 
 A2, B2 = [1.0, -1.5, 0.7], [0.0, 1.0, 0.5]
@@ -323,6 +324,28 @@ def test_restarts_are_reported_and_the_result_reads_well():
     assert "order 2, delay 1" in text
     assert "a1" in text
     assert "±" in text
+
+
+def test_searches_agree_in_output_and_not_in_error_alone():
+    # Equal errors of different outputs: two models may miss different halves of what they cannot follow.
+    y = np.array([1.0, 1.0, -1.0, -1.0])
+    outputs = [np.array([1.0, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, -1.0, -1.0])]
+    costs = [float(np.sum((y - output) ** 2)) for output in outputs]
+    assert same_error(*costs, size=2.0)
+    assert not same_output(*outputs, costs[0], size=2.0)
+    assert same_output(outputs[0], outputs[0] + 0.01, costs[0], size=2.0)
+    assert not same_error(1.0, 1.01, size=2.0)
+    assert same_error(0.0, 1e-22, size=2.0)  # both exact
+
+
+def test_output_of_a_reduction_is_that_of_the_fitted_model():
+    record = simulated(noise=0.3, seed=5)
+    fit = fit_output_error(record, 2)
+    reduction = Reduction(make_segments(record, None), fit.structure, fit.reflections)
+    output = reduction.output(reduction.projection)
+    assert np.sum((record.y[:, 0] - output) ** 2) == pytest.approx(reduction.cost, rel=1e-9)
+    # The prediction holds the initial state to the size of the output, a little.
+    np.testing.assert_allclose(output, predict(fit, record).free_run, atol=1e-4)
 
 
 def test_frequency_response_and_poles_are_those_of_python_control():

@@ -10,6 +10,7 @@ from sysid.diagnosis.linear_chain import Chain, Data
 from sysid.diagnosis.linear_kernels import chosen_filtered, is_stable
 from sysid.diagnosis.linear_structure import LinearStructure
 from sysid.diagnosis.structures import WHITE, Choice, filtered
+from sysid.diagnosis.whitening import opening
 
 A, B = np.array([-1.4, 0.6]), np.array([0.3, -0.1])
 
@@ -79,7 +80,7 @@ def test_both_filters_are_the_same():
     rows[[0, 7, 8, 21]] = False
     noise = np.array([1.0, -0.7, 0.2])
     begin = np.array([0, 25, 40])
-    kernel = chosen_filtered(np.ascontiguousarray(values.T), rows, begin, noise).T
+    kernel = chosen_filtered(np.ascontiguousarray(values.T), rows, begin, noise, opening(noise)).T
     first = np.concatenate([filtered(values[i:j], rows[i:j], noise) for i, j in ((0, 25), (25, 40))])
     assert np.allclose(kernel, first)
 

@@ -10,8 +10,8 @@ from physics_cases import VALUES, duffing, free_model
 from sysid.data import make_record, read_record
 from sysid.errors import IdentifiabilityError, ModelError, UsageError
 from sysid.physics import fit_physics, load_model, model_names
-from sysid.physics.fit import _descend
 from sysid.physics.problem import Problem
+from sysid.physics.restarts import descend
 from sysid.physics.simulation import Simulator
 
 FIXED = {"dc-motor": ("L", "R"), "positioning-stage": ("gain",)}
@@ -110,7 +110,7 @@ def test_positive_parameters_are_searched_by_their_logarithm():
     step = 1e-6 * np.eye(point.size)
     differences = [(problem.residual(point + s) - problem.residual(point - s)) / 2e-6 for s in step]
     np.testing.assert_allclose(problem.jacobian(point), np.array(differences).T, rtol=1e-5, atol=1e-7)
-    assert _descend(problem, point, 50).status.converged
+    assert descend(problem, point, 50).status.converged
 
 
 def test_each_experiment_has_its_own_initial_state():

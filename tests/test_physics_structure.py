@@ -11,7 +11,7 @@ from sysid.demonstration.plants import Plant
 from sysid.diagnosis.effects import catalogue, find_effects
 from sysid.diagnosis.physics_free_run import runs
 from sysid.diagnosis.physics_hold import band_limited
-from sysid.diagnosis.physics_problem import Problem
+from sysid.diagnosis.physics_problem import Problem, problem_of
 from sysid.diagnosis.physics_structure import PhysicsStructure
 from sysid.diagnosis.structures import Choice, filtered
 from sysid.errors import IdentifiabilityError
@@ -165,7 +165,7 @@ def test_directions_tangent_and_probes_have_a_row_for_each_sample():
     baseline = found.baseline(found.record.estimation)
     (direction,) = found.directions(baseline, find_effects(["cubic_stiffness"])[0])
     small = baseline.point.copy()
-    problem = found.problem_of(baseline, [choice("cubic_stiffness")])
+    problem = problem_of(found.setting, baseline, [choice("cubic_stiffness")])
     points = np.array([np.append(small, 0.0), np.append(small, 1e-4)])
     first, second = runs(problem, points)
     # The direction is the derivative by the strength: a difference quotient of another step.

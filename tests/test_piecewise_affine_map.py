@@ -84,14 +84,6 @@ def test_regions_that_share_a_submodel():
     np.testing.assert_allclose(hat.tau, [-1.0, 1.0])
 
 
-def test_another_order_is_the_same_map():
-    hat = PiecewiseAffineMap([[0.0, 0.0], [0.0, 1.0]], [[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]], [0, 1, 0])
-    z = np.linspace(-3, 3, 50)
-    turned = hat.reordered([1, 0])
-    np.testing.assert_array_equal(turned(z), hat(z))
-    np.testing.assert_array_equal(turned.mode(z), 1 - hat.mode(z))
-
-
 @pytest.mark.parametrize("one", [THREE, VECTOR])
 def test_json_loses_nothing(one):
     again = PiecewiseAffineMap.from_json(one.to_json())

@@ -10,7 +10,8 @@ from ports_cases import A1, A2, B1, B2, MAPS, PERIOD, deviation, simulate
 from sysid.data import make_record
 from sysid.diagnosis.ports import explore_ports
 from sysid.diagnosis.ports.loop import DEGREE, Loop
-from sysid.diagnosis.ports.plants import PORTS, plant_of
+from sysid.diagnosis.ports.opening import plant_of
+from sysid.diagnosis.ports.plants import PORTS
 from sysid.diagnosis.ports.reversals import change_at_reversal
 from sysid.diagnosis.ports.search import fit_baseline
 from sysid.diagnosis.ports.stretches import make_stretches

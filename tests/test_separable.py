@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 from sysid.errors import DataError, IdentifiabilityError, UsageError
-from sysid.nonlinearities.pieces import AffinePieces
 from sysid.separable import (
     BlockedQR,
     LaggedRegression,
@@ -23,6 +22,7 @@ from sysid.separable import (
     search_pieces,
     search_two_pieces,
 )
+from sysid.separable.pieces import AffinePieces
 
 
 def saturation_pieces(u, upper):

@@ -72,9 +72,6 @@ def test_gradient_and_hessian_are_those_of_finite_differences(normalisation, see
         return
     scale = 1.0 + np.abs(problem.hessian(y)).max()
     np.testing.assert_allclose(problem.gradient(y), derivative(problem.value, y), atol=1e-6 * scale)
-    np.testing.assert_allclose(
-        problem.relative_gradient(y), derivative(problem.relative, y), atol=1e-6 * scale
-    )
     np.testing.assert_allclose(problem.hessian(y), derivative(problem.gradient, y), atol=1e-6 * scale)
 
 

@@ -8,9 +8,6 @@ import numpy as np
 from sysid.demonstration import CANDIDATES, FOREIGN, FURTHER, MODELS, Case, Difficulty, draw_case
 from sysid.errors import UsageError
 
-DEVELOPMENT_SEEDS = range(10_000)
-"""Seeds to develop on; larger ones judge and are looked at only as totals."""
-
 TIERS = {
     "normal": Difficulty(share=(0.03, 0.30), snr=(20.0, 40.0), coloured=False),
     "hard": Difficulty(share=(0.01, 0.08), snr=(10.0, 20.0), coloured=True),

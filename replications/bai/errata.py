@@ -267,9 +267,11 @@ def _nonzero_mean_input() -> Erratum:
     preload = static_map("two-sided-preload")
     cases = []
     for a1, a2 in _sides():
-        x_mean = third.expectation(
-            lambda u, a1=a1, a2=a2: u + a2 if u > 0 else u - a1 if u < 0 else 0.0, [0.0]
-        )
+
+        def loaded(u: float, a1: float = a1, a2: float = a2) -> float:
+            return u + a2 if u > 0 else u - a1 if u < 0 else 0.0
+
+        x_mean = third.expectation(loaded, [0.0])
         q3 = _moment("two-sided-preload", third, a1, a2)
         # Exact correlations under the third input: other samples contribute the product of the means.
         w = q3 * response[:4] + x_mean * third.mean * (gain - response[:4])

@@ -7,7 +7,6 @@ from itertools import product
 import numpy as np
 
 from replications.bai import setting
-from replications.bai.example_1 import one_parameter_map
 from sysid import moment_ratios
 from sysid.distributions import Uniform
 from sysid.hammerstein import (
@@ -17,6 +16,7 @@ from sysid.hammerstein import (
     moment_ratio,
     search_method,
 )
+from sysid.nonlinearities import SATURATION
 
 LAGS = (4, 8, 16)
 """Values of m; the paper asks for m >= 2n = 4 and does not say which it used."""
@@ -79,7 +79,7 @@ class Example2:
 
 
 def _response(u: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    x = one_parameter_map("saturation")(u, setting.THRESHOLD)
+    x = SATURATION(u, setting.THRESHOLD)
     return u, equation_error_response(x, setting.ALPHA, setting.BETA, noise)
 
 
@@ -88,9 +88,9 @@ def correlation_estimate(
 ) -> tuple[dict[str, float], bool]:
     """Carry out steps 3 to 5 of the algorithm: a from the ratio of moments (3.14), then beta (3.19)."""
     b1, b2 = setting.EXAMPLE_2_INPUTS
-    solution = moment_ratios.saturation(moment_ratio(*linear, column), b1, b2)
+    solution = moment_ratios.saturation(moment_ratio(linear[0], linear[1], column), b1, b2)
     a = float(solution.parameters[0])
-    moment = one_parameter_map("saturation").moment(Uniform(-b1, b1), a)
+    moment = SATURATION.moment(Uniform(-b1, b1), a)
     beta = linear[0].scaled_beta / moment
     return dict(zip(setting.PARAMETERS, [a, *linear[0].alpha, *beta], strict=True)), solution.regular
 
@@ -101,7 +101,7 @@ def separable_estimate(records: list[tuple[np.ndarray, np.ndarray]]) -> dict[str
     fitted = search_method(
         u,
         y,
-        one_parameter_map("saturation"),
+        SATURATION,
         setting.ORDER,
         upper=setting.SEARCH_UPPER,
         starts=[0, records[0][0].size],

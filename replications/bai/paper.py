@@ -1,9 +1,6 @@
 """Bai's paper as the command ``sysid replicate bai`` sees it."""
 
 from collections.abc import Mapping, Sequence
-from importlib import resources
-from importlib.resources.abc import Traversable
-from pathlib import Path
 
 import numpy as np
 
@@ -23,6 +20,7 @@ from replications.bai.plausibility import (
 )
 from replications.bai.worked import WORKED, WorkedRun, true_parameters
 from replications.errata import Erratum, erratum_numbers
+from replications.paper import ReplicatedPaper
 from replications.studies import entry, slope_std_error
 from sysid.claims import Claim, judge, read
 from sysid.montecarlo import Study, Task
@@ -32,7 +30,7 @@ SIZES = (100, 200, 400, 800, 1600, 3200, 6400)
 """Numbers of samples at which the error is measured."""
 
 
-class Bai:
+class Bai(ReplicatedPaper):
     """Identification of linear systems with hard input nonlinearities of known structure."""
 
     id = "bai"
@@ -43,16 +41,6 @@ class Bai:
     )
     default_runs = 1000
     smoke_runs = 100
-
-    @property
-    def claims_file(self) -> Traversable:
-        """The printed values."""
-        return resources.files("replications") / "claims" / "bai.toml"
-
-    @property
-    def notebook(self) -> Path:
-        """The narrative of the report."""
-        return Path(str(resources.files("reports") / "bai.py"))
 
     def plan(self, runs: int) -> Mapping[str, tuple[Task, int]]:
         """Return every case with its task and number of runs."""
@@ -66,10 +54,7 @@ class Bai:
 
     def replicate(self, session: Session) -> PaperResult:
         """Run every study and hold the paper against it."""
-        with session.timed("studies"):
-            studies = {
-                case: session.study(case, task, n) for case, (task, n) in self.plan(session.runs).items()
-            }
+        studies = self.studies(session)
         with session.timed("errata"):
             found_errata = errata()
         bounds = {case: asymptotic_std(case, setting.EXAMPLE_1_SAMPLES) for case in setting.CASES}

@@ -51,7 +51,7 @@ def plausibility(
     factor = np.linalg.cholesky(np.cov(runs, rowvar=False))
 
     def squared(points: np.ndarray, centre: np.ndarray) -> np.ndarray:
-        return np.sum(np.linalg.solve(factor, (points - centre).T) ** 2, axis=0)
+        return np.asarray(np.sum(np.linalg.solve(factor, (points - centre).T) ** 2, axis=0))
 
     mean, centre = runs.mean(axis=0), np.asarray(true, dtype=float)
     row = np.asarray(printed, dtype=float)[None]

@@ -58,11 +58,11 @@ class Worked:
 
 
 def _saturation(linear: list[CorrelationEstimate], means: list[float]) -> Solution:
-    return moment_ratios.saturation(moment_ratio(*linear), *setting.EXAMPLE_2_INPUTS)
+    return moment_ratios.saturation(moment_ratio(linear[0], linear[1]), *setting.EXAMPLE_2_INPUTS)
 
 
 def _dead_zone(linear: list[CorrelationEstimate], means: list[float]) -> Solution:
-    return moment_ratios.dead_zone(moment_ratio(*linear), _B1, _B2)
+    return moment_ratios.dead_zone(moment_ratio(linear[0], linear[1]), _B1, _B2)
 
 
 def _relay(linear: list[CorrelationEstimate], means: list[float]) -> Solution:
@@ -83,7 +83,7 @@ def _preload_as_printed(linear: list[CorrelationEstimate], means: list[float]) -
 def _even(linear: list[CorrelationEstimate], means: list[float]) -> Solution:
     even = static_map("even-dead-zone")
     moments = [lambda a, f=f: even.moment(f, float(a[0])) for f in WORKED["even-dead-zone"].inputs]
-    return moment_ratios.any_map(moments, [moment_ratio(*linear)], [0.0], [_E1])
+    return moment_ratios.any_map(moments, [moment_ratio(linear[0], linear[1])], [0.0], [_E1])
 
 
 def static_map(name: str) -> StaticMap:

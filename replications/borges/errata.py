@@ -108,8 +108,7 @@ def _projection_matrix(at: At) -> Erratum:
         float("inf"),
         float(effect),
         "The two terms are sn(n + l) by nn and n(n + l) by snn. A is to be transposed, and C, which all "
-        "local "
-        "models share, has one block of rows of its own.",
+        "local models share, has one block of rows of its own.",
     )
 
 
@@ -159,8 +158,7 @@ def _excitation_in_sum(at: At) -> Erratum:
         r"\sum_i p_i (A_i x_{\alpha,\beta} + E_{\alpha,\beta} \tilde u_k)",
         r"\sum_i p_i A_i x_{\alpha,\beta} + E_{\alpha,\beta} (p(\phi_k) \otimes \tilde u_k)",
         "largest difference from the column of Phi that the system stands for (as printed E has s(m + 1) "
-        "columns "
-        "and meets a vector of m + 1)",
+        "columns and meets a vector of m + 1)",
         float("inf"),
         worst,
         "The weights enter by the Kronecker product, once, and not by the sum.",
@@ -261,8 +259,7 @@ def _algorithm_1(at: At) -> Erratum:
         _relative(r1.T @ r1, expected),
         _relative(R.T @ R, expected),
         "Blocks overlap by a row, the last one is left out, and Q has not as many rows as Phi. Without Q, "
-        "the factor "
-        "of [Phi Y] gives parameters and cost in the memory of one block.",
+        "the factor of [Phi Y] gives parameters and cost in the memory of one block.",
     )
 
 

@@ -1,9 +1,6 @@
 """The paper of Borges, Verdult and Ayala Botto as the command ``sysid replicate borges`` sees it."""
 
 from collections.abc import Mapping
-from importlib import resources
-from importlib.resources.abc import Traversable
-from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +11,7 @@ from replications.borges.flops import flop_numbers
 from replications.borges.study import Run
 from replications.borges.timing import ratios
 from replications.errata import erratum_numbers
+from replications.paper import ReplicatedPaper
 from sysid.claims import judge, read
 from sysid.montecarlo import Study, Task
 from sysid.replication import PaperResult, Session
@@ -26,30 +24,18 @@ IDENTITY = tuple(
 )
 
 
-class Borges:
+class Borges(ReplicatedPaper):
     """Separable least squares for composite local linear state-space models."""
 
     id = "borges"
     title = "Separable least squares for composite local linear state-space models"
     citation = (
         "J. Borges (Instituto Superior Técnico, Lisbon), V. Verdult (Delft University of Technology), M. "
-        "Ayala Botto "
-        "(Lisbon), Efficient implementation of separable least squares for the identification of composite "
-        "local "
-        "linear state-space models, IFAC World Congress 2005"
+        "Ayala Botto (Lisbon), Efficient implementation of separable least squares for the identification of "
+        "composite local linear state-space models, IFAC World Congress 2005"
     )
     default_runs = 50
     smoke_runs = 6
-
-    @property
-    def claims_file(self) -> Traversable:
-        """The printed values."""
-        return resources.files("replications") / "claims" / "borges.toml"
-
-    @property
-    def notebook(self) -> Path:
-        """The narrative of the report."""
-        return Path(str(resources.files("reports") / "borges.py"))
 
     def plan(self, runs: int) -> Mapping[str, tuple[Task, int]]:
         """Return every case with its task and number of runs."""
@@ -68,10 +54,7 @@ class Borges:
         with session.timed("errata"):
             found_errata = errata()
             numbers |= erratum_numbers(found_errata)
-        with session.timed("studies"):
-            studies = {
-                case: session.study(case, task, n) for case, (task, n) in self.plan(session.runs).items()
-            }
+        studies = self.studies(session)
         numbers |= study_numbers(studies)
         beside = peer.times(0.1 if session.smoke else 0.5)
         session.timings.update(ratios(session.smoke) | beside)

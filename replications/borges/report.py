@@ -70,8 +70,7 @@ def jacobians(results: Results) -> Display:
         ["derivative", "error as Jacobian", "error of the gradient"],
         formats={"error as Jacobian": ".1e", "error of the gradient": ".1e"},
         caption="Relative errors (Frobenius norm) against central differences of the projected residual, "
-        "where the "
-        f"condition of Φ is {condition}.",
+        f"where the condition of Φ is {condition}.",
         align="lrr",
     )
 
@@ -107,19 +106,17 @@ def searches(results: Results) -> Display:
             columns,
             formats={"cost": ".2f", "cost, 20 dB": ".2f"},
             caption="Evaluations of the cost until it is within 1.5 times the best of all methods (61: "
-            "never, in 60), and "
-            "the cost at the end over that best; medians over the runs, two scheduling inputs.",
+            "never, in 60), and the cost at the end over that best; medians over the runs, two scheduling "
+            "inputs.",
             align="lrrrr",
         ),
         display.prose(
             "Projection with Kaufman's or the exact Jacobian changes no step: their rows are orthogonal to "
-            "every "
-            "change of coordinates, as the projected residual does not depend on the coordinates; and so is "
-            "the "
-            "damped step. At equal λ the steps differ by "
-            f"{display.number(numbers['projection/step_difference/kaufman'], digits=2)} (relative), those "
-            "of 2b, which "
-            f"is no Jacobian, by {display.number(numbers['projection/step_difference/2b'], digits=2)}."
+            "every change of coordinates, as the projected residual does not depend on the coordinates; and "
+            "so is the damped step. At equal λ the steps differ by "
+            f"{display.number(numbers['projection/step_difference/kaufman'], digits=2)} (relative), those of "
+            "2b, which is no Jacobian, by "
+            f"{display.number(numbers['projection/step_difference/2b'], digits=2)}."
         ),
     )
 
@@ -141,10 +138,8 @@ def redundancy(results: Results) -> Display:
         rows,
         ["scheduling", "null space of the Jacobian", "change of the state", "left for (w, c)"],
         caption="Directions in η that change no output. The weights do not change when one quadratic "
-        "function is "
-        "added to all exponents: 2q + 1 parameters for s conditions, so max(0, 2q + 1 − s) directions "
-        "remain that (13) "
-        "does not know.",
+        "function is added to all exponents: 2q + 1 parameters for s conditions, so max(0, 2q + 1 − s) "
+        "directions remain that (13) does not know.",
         align="lrrr",
     )
 
@@ -197,8 +192,7 @@ def scores_figure(results: Results) -> Display:
         drawing,
         "The second output on fresh data, 20 dB noise, by the number of scheduling inputs.",
         "The fifty parameters of the paper schedule by one input, and cannot give the product of the other "
-        "with the "
-        "state: whatever the search, a fourth of the variance of the second output stays.",
+        "with the state: whatever the search, a fourth of the variance of the second output stays.",
     )
 
 
@@ -227,10 +221,8 @@ def table_1(results: Results) -> Display:
         rows,
         ["", "printed", "ours", "counted in a run"],
         caption="Table 1 at N = 1000, n = 3, s = 4, m = 2, two outputs, q = 1: operations. The printed "
-        "counts take m where "
-        "there are m + 1 columns, and the rows of one and of all derivatives are the same "
-        "formula; ours of row three is one "
-        "system.",
+        "counts take m where there are m + 1 columns, and the rows of one and of all derivatives are the "
+        "same formula; ours of row three is one system.",
         align="lrrl",
     )
 
@@ -264,8 +256,7 @@ def table_2(results: Results) -> Display:
         ),
         display.prose(
             f"Compiled, 2b takes {display.number(timings['flop_ratio_2b'], digits=3)} times as long as its "
-            "operations "
-            f"would at the speed of this machine's matrix product ({speed} Gflop/s), and writes "
+            f"operations would at the speed of this machine's matrix product ({speed} Gflop/s), and writes "
             f"{display.number(timings['gigabytes_a_second_2b'], digits=3)} GB/s. The exact Jacobian takes "
             f"{display.number(timings['exact_over_approach1'], digits=2)} of approach 1, Kaufman's "
             f"{display.number(timings['kaufman_over_approach1'], digits=2)}, and the gradient by the adjoint "
@@ -290,17 +281,14 @@ def long_records(results: Results) -> Display:
     return display.prose(
         f"In blocks of {timings['blocked_qr_block']:.0f} samples the triangular factor of [Φ Y] takes "
         f"{display.number(timings['blocked_qr_cpu_ratio'], digits=2)} of the processor time of QR of the "
-        "whole Φ and "
-        f"{display.number(timings['blocked_qr_extra_mb'], digits=2)} MB; the cost differs by "
+        f"whole Φ and {display.number(timings['blocked_qr_extra_mb'], digits=2)} MB; the cost differs by "
         f"{display.number(timings['blocked_qr_cost_difference'], digits=1)} (relative). Accumulating $Q_1$ "
-        "as Algorithm 1 "
-        f"does would cost {numbers['algorithm-1/operations_for_q_over_r']:.0f} times the operations of the "
-        "factor at "
-        "N = 10⁶, and its memory is that of Φ. Where local models overlap (condition of Φ "
-        f"{display.number(numbers['condition/phi'], digits=2)}) the parameters come back with a relative "
-        "error of "
-        f"{display.number(numbers['condition/theta_error/qr'], digits=2)} by QR and of "
-        f"{display.number(numbers['condition/theta_error/normal-equations'], digits=2)} by normal equations."
+        f"as Algorithm 1 does would cost {numbers['algorithm-1/operations_for_q_over_r']:.0f} times the "
+        "operations of the factor at N = 10⁶, and its memory is that of Φ. Where local models overlap "
+        f"(condition of Φ {display.number(numbers['condition/phi'], digits=2)}) the parameters come back "
+        f"with a relative error of {display.number(numbers['condition/theta_error/qr'], digits=2)} by QR and "
+        f"of {display.number(numbers['condition/theta_error/normal-equations'], digits=2)} by normal "
+        "equations."
     )
 
 
@@ -309,12 +297,9 @@ def inputs(results: Results) -> Display:
     share = numbers_of(results)["setting/diverging_share"]
     return display.prose(
         "The paper says *uncorrelated white-noise sequences*. With normal inputs of variance one the system "
-        "diverges in "
-        f"{100 * share:.0f} % of 50 experiments: the cube of the first output takes over beyond 1.6. The "
-        "studies use inputs "
-        f"uniform on [−{setting.HALF_WIDTH:g}, {setting.HALF_WIDTH:g}], the range in which Narendra and "
-        "Parthasarathy "
-        "use it."
+        f"diverges in {100 * share:.0f} % of 50 experiments: the cube of the first output takes over beyond "
+        f"1.6. The studies use inputs uniform on [−{setting.HALF_WIDTH:g}, {setting.HALF_WIDTH:g}], the "
+        "range in which Narendra and Parthasarathy use it."
     )
 
 

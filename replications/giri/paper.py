@@ -1,9 +1,6 @@
 """The paper of Giri, Rochdi and Chaoui as the command ``sysid replicate giri`` sees it."""
 
 from collections.abc import Mapping
-from importlib import resources
-from importlib.resources.abc import Traversable
-from pathlib import Path
 
 from replications.errata import Erratum, erratum_numbers
 from replications.giri import checks, setting
@@ -29,6 +26,7 @@ from replications.giri.precision import (
     slope_numbers,
 )
 from replications.giri.theory import theory_numbers
+from replications.paper import ReplicatedPaper
 from replications.studies import entry, slope_std_error
 from sysid.claims import judge, read
 from sysid.montecarlo import Study, Task
@@ -37,7 +35,7 @@ from sysid.replication import PaperResult, Session
 FEWEST_RUNS = 10
 
 
-class Giri:
+class Giri(ReplicatedPaper):
     """Recursive identification of systems with hard input nonlinearities of known structure."""
 
     id = "giri"
@@ -48,16 +46,6 @@ class Giri:
     )
     default_runs = 200
     smoke_runs = 40
-
-    @property
-    def claims_file(self) -> Traversable:
-        """The printed values."""
-        return resources.files("replications") / "claims" / "giri.toml"
-
-    @property
-    def notebook(self) -> Path:
-        """The narrative of the report."""
-        return Path(str(resources.files("reports") / "giri.py"))
 
     def plan(self, runs: int) -> Mapping[str, tuple[Task, int]]:
         """Return every case with its task and number of runs."""
@@ -75,10 +63,7 @@ class Giri:
 
     def replicate(self, session: Session) -> PaperResult:
         """Run every study and hold the paper against it."""
-        with session.timed("studies"):
-            studies = {
-                case: session.study(case, task, n) for case, (task, n) in self.plan(session.runs).items()
-            }
+        studies = self.studies(session)
         with session.timed("convergence"):
             found = {**convergence_numbers(), **setting_effects(), **proposition_4_1()}
         with session.timed("errata"):

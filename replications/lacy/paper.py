@@ -1,9 +1,6 @@
 """The paper of Lacy, Erwin and Bernstein as the command ``sysid replicate lacy`` sees it."""
 
 from collections.abc import Mapping
-from importlib import resources
-from importlib.resources.abc import Traversable
-from pathlib import Path
 
 import numpy as np
 
@@ -11,6 +8,7 @@ from replications.errata import erratum_numbers
 from replications.lacy import checks, exactness, setting, step_tests
 from replications.lacy.errata import errata, fast_form_errors, literal_growth
 from replications.lacy.examples import METHODS, SCORES, ConsistencyRun, ExampleRun, shown_run
+from replications.paper import ReplicatedPaper
 from replications.studies import entry
 from sysid.claims import judge, read
 from sysid.montecarlo import Study, Task
@@ -22,7 +20,7 @@ CONSISTENT = "dead-zone"
 _TRUE = dict(zip(setting.PARAMETERS, setting.TRUE.tolist(), strict=True))
 
 
-class Lacy:
+class Lacy(ReplicatedPaper):
     """Identification of Wiener systems with known noninvertible nonlinearities."""
 
     id = "lacy"
@@ -34,16 +32,6 @@ class Lacy:
     )
     default_runs = 200
     smoke_runs = 20
-
-    @property
-    def claims_file(self) -> Traversable:
-        """The printed values."""
-        return resources.files("replications") / "claims" / "lacy.toml"
-
-    @property
-    def notebook(self) -> Path:
-        """The narrative of the report."""
-        return Path(str(resources.files("reports") / "lacy.py"))
 
     def plan(self, runs: int) -> Mapping[str, tuple[Task, int]]:
         """Return every case with its task and number of runs."""
@@ -59,10 +47,7 @@ class Lacy:
 
     def replicate(self, session: Session) -> PaperResult:
         """Run every study and hold the paper against it."""
-        with session.timed("studies"):
-            studies = {
-                case: session.study(case, task, n) for case, (task, n) in self.plan(session.runs).items()
-            }
+        studies = self.studies(session)
         with session.timed("errata"):
             found_errata = errata()
         with session.timed("exactness"):

@@ -3,11 +3,10 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
-from importlib.resources.abc import Traversable
 from typing import Any
 
 from replications.errata import Erratum
+from replications.paper import claims_of
 from sysid.claims import read
 from sysid.gates import Gate
 from sysid.montecarlo import Study, Task
@@ -46,14 +45,11 @@ class Chapter:
     gates: Callable[[Studies, MonteCarlo, Numbers], list[Gate]]
 
 
-def claims_file() -> Traversable:
-    """Return the file of the printed values."""
-    return resources.files("replications") / "claims" / "pepona.toml"
-
-
 @cache
 def printed_values() -> Mapping[str, float]:
     """Return the printed values that are numbers, by claim."""
     return {
-        claim.id: float(claim.printed) for claim in read(claims_file()) if not isinstance(claim.printed, str)
+        claim.id: float(claim.printed)
+        for claim in read(claims_of("pepona"))
+        if not isinstance(claim.printed, str)
     }

@@ -56,8 +56,7 @@ def block_diagram() -> Display:
     return display.figure(
         drawing,
         "The structure (4.10): a static map between the linear parts; $D$ weighs lags of the input, or of "
-        "the "
-        "output, which closes a loop.",
+        "the output, which closes a loop.",
     )
 
 
@@ -79,14 +78,12 @@ def map_of(results: Results, case: str, number: str) -> Display:
     reading = {
         "4.2": "The spline follows the map to a fifth of the noise; at the steep flank twelve knots are few.",
         "4.4": "The bend at z = 2 is rounded. Large z are rare: equal knots leave the right end to few "
-        "samples, "
-        "and the band opens there.",
+        "samples, and the band opens there.",
     }[case]
     return display.figure(
         drawing,
         f"Figure {number} regenerated: the map of Example {case} and its cubic spline, {shown['n_knots']} "
-        "knots "
-        "(ticks at the bottom), one record.",
+        "knots (ticks at the bottom), one record.",
         reading,
     )
 
@@ -138,11 +135,9 @@ def stages(results: Results) -> Display:
     return display.figure(
         drawing,
         "Figure 4.3 regenerated: Example 4.3 once (4.30) is solved, left with the first spline, right with "
-        "the "
-        "spline of (4.27).",
+        "the spline of (4.27).",
         "With the nonlinear parameters right the samples fall on the map; the last linear step puts the "
-        "spline "
-        "there.",
+        "spline there.",
     )
 
 
@@ -173,12 +168,11 @@ def vaf(results: Results) -> Display:
     axes[0].set_ylabel("share of runs below")
     return display.figure(
         drawing,
-        "Which VAF is printed: distribution over the runs of the validation VAF of one-step predictions "
-        "and of "
-        "free runs, beside the printed value.",
-        "98.32 % of Example 4.3 is a one-step VAF, 97.85 % of Example 4.4 a free run; 98.11 % of Example "
-        "4.2 is "
-        "more than the noise admits but for rare records. (In 4.4 the lowest values lie outside the panel.)",
+        "Which VAF is printed: distribution over the runs of the validation VAF of one-step predictions and "
+        "of free runs, beside the printed value.",
+        "98.32 % of Example 4.3 is a one-step VAF, 97.85 % of Example 4.4 a free run; 98.11 % of Example 4.2 "
+        "is more than the noise admits but for rare records. (In 4.4 the lowest values lie outside the "
+        "panel.)",
     )
 
 
@@ -206,7 +200,6 @@ def consistency(results: Results) -> Display:
     return display.figure(
         drawing,
         "Consistency with $D(q) = 1$: error against the number of samples; for $n_g = 1$ the condition of "
-        "Lemma "
-        "4.1 cannot hold.",
+        "Lemma 4.1 cannot hold.",
         "Both fall like $N^{-1/2}$: the lemma's condition is not needed.",
     )

@@ -44,8 +44,7 @@ def theorem_1(results: Results) -> Display:
     return display.prose(
         "At the minimum of the separated problem no column of the joint Jacobian makes a cosine of more than "
         f"{display.number(cosine, digits=1)} with the residual, in any example and record; a joint search "
-        "from the same start "
-        f"ends at the same cost to {display.number(off, digits=1)}. (Theorem 4.1.)"
+        f"from the same start ends at the same cost to {display.number(off, digits=1)}. (Theorem 4.1.)"
     )
 
 
@@ -72,10 +71,8 @@ def conditions(results: Results) -> Display:
         heads,
         align="lrrrrrr",
         caption="Condition numbers of the Jacobians at the minimum (Theorem 4.2), with B-splines and with "
-        "the "
-        "printed basis, and steps of Levenberg-Marquardt from the start of 4.3.1; medians over records. In "
-        "4.4 "
-        "one parameter is searched, hence 1.",
+        "the printed basis, and steps of Levenberg-Marquardt from the start of 4.3.1; medians over records. "
+        "In 4.4 one parameter is searched, hence 1.",
     )
 
 
@@ -107,8 +104,7 @@ def bases(results: Results) -> Display:
         heads,
         formats=formats,
         caption="Condition numbers of two bases of one space at the data, and the largest difference of "
-        "their "
-        "residuals at the same $d$ and $g$, relative to the root mean square; medians.",
+        "their residuals at the same $d$ and $g$, relative to the root mean square; medians.",
     )
 
 
@@ -187,10 +183,8 @@ def example_table(results: Results, case: str) -> Display:
         heads,
         align="lrrrrrrrr",
         caption=f"Table {case} beside {_runs(results, case)} runs: printed estimates with their distance "
-        "from "
-        "the median of the runs in standard deviations (z), our mean and standard deviation, and the "
-        "standard "
-        f"deviation at the bound of the spline model and with the map known.{words}",
+        "from the median of the runs in standard deviations (z), our mean and standard deviation, and the "
+        f"standard deviation at the bound of the spline model and with the map known.{words}",
     )
 
 
@@ -214,15 +208,12 @@ def fewer_samples(results: Results) -> Display:
         for name in (*(f"{stage}/d{i}" for stage in ("initial", "final") for i in (1, 2, 3)), "vaf_one_step")
     )
     return display.prose(
-        f"Of its seven numbers the farthest lies {here:.1f} standard deviations out. With {FEWER} samples "
-        "to identify "
-        f"and {FEWER} to validate, in place of 1000 and 1000, it would be {there:.1f}: the table looks "
-        "like one from "
-        "far fewer samples than the text says. Its columns also miss the constraint: $\\|d\\|$ is "
-        f"{numbers['table-4.2/initial-norm']:.4f} for the initial and "
-        f"{numbers['table-4.2/final-norm']:.4f} for the "
-        f"final estimate, where Table 4.3 has {numbers['table-4.3/initial-norm']:.4f} and "
-        f"{numbers['table-4.3/final-norm']:.4f}."
+        f"Of its seven numbers the farthest lies {here:.1f} standard deviations out. With {FEWER} samples to "
+        f"identify and {FEWER} to validate, in place of 1000 and 1000, it would be {there:.1f}: the table "
+        "looks like one from far fewer samples than the text says. Its columns also miss the constraint: "
+        f"$\\|d\\|$ is {numbers['table-4.2/initial-norm']:.4f} for the initial and "
+        f"{numbers['table-4.2/final-norm']:.4f} for the final estimate, where Table 4.3 has "
+        f"{numbers['table-4.3/initial-norm']:.4f} and {numbers['table-4.3/final-norm']:.4f}."
     )
 
 
@@ -256,11 +247,9 @@ def signs(results: Results, case: str) -> Display:
         rows,
         heads,
         align="llr" + "r" * (len(heads) - 3),
-        caption=f"Example {case} with every sign of the two coefficients: share of records that diverge, "
-        "of the "
-        "example's length and of 100 000 samples; medians of the VAF of fitted models and the share of "
-        "runs below "
-        f"the printed one ({printed}).",
+        caption=f"Example {case} with every sign of the two coefficients: share of records that diverge, of "
+        "the example's length and of 100 000 samples; medians of the VAF of fitted models and the share of "
+        f"runs below the printed one ({printed}).",
     )
 
 
@@ -302,9 +291,9 @@ def vaf_table(results: Results) -> Display:
         heads,
         align="lrrrrrrr",
         caption="Validation VAF [%]: printed, medians of the fitted models and of the true system as a "
-        "model, and "
-        "the share of runs below the printed value. Free runs of fitted models of Example 4.4 diverge in "
-        f"{100 * numbers['4.4/free_run_diverges_share']:.0f} % of the runs, which count as undefined.",
+        "model, and the share of runs below the printed value. Free runs of fitted models of Example 4.4 "
+        f"diverge in {100 * numbers['4.4/free_run_diverges_share']:.0f} % of the runs, which count as "
+        "undefined.",
     )
 
 
@@ -326,8 +315,7 @@ def lemma(results: Results) -> Display:
             ["$n_g$", "entries of $F_k$", "rank missing"],
             align="rrr",
             caption="Lemma 4.1 by 4000 samples of a Hammerstein system with uniform input: the rows $F_k$ "
-            "cannot have "
-            "full rank for $n_g \\ge 1$.",
+            "cannot have full rank for $n_g \\ge 1$.",
         ),
         consistency(results),
         display.prose(f"The exponents are {slopes}."),
@@ -340,20 +328,14 @@ def identifiability(results: Results) -> Display:
     overlap = [int(numbers[f"overlap/deficit/n_b={n_b}"]) for n_b in (0, 1, 2)]
     return display.prose(
         "- *Sign of d.* Turning $d$ round and mirroring the map changes the one-step predictions by "
-        f"{display.number(numbers['undetermined/sign-of-d'], digits=1)}: the constraints leave it open, "
-        "and the estimator says which sign it "
-        "takes.\n"
-        "- *Offset of the map.* (4.10) has no constant but $\\lambda_0$, so that the mean of the output is "
-        "the map's "
-        "offset; a constant beside it costs one rank.\n"
-        "- *$b_i c_i = 0$.* With two lags in $D$ and one, two or three in $B$, all of them different from "
-        "zero, "
-        f"{overlap[0]}, {overlap[1]} and {overlap[2]} parameters are not determined: the constraint takes "
-        "away "
-        "1, 2 and 2.\n"
-        "- *Start.* When $B$ has the lags of $z$, step 3 of 4.3.1 regresses on what step 1 has taken out: "
-        "the first "
-        f"$d$ has {display.number(numbers['initialisation/shared-lags'], digits=1)} of its proper length."
+        f"{display.number(numbers['undetermined/sign-of-d'], digits=1)}: the constraints leave it open, and "
+        "the estimator says which sign it takes.\n- *Offset of the map.* (4.10) has no constant but "
+        "$\\lambda_0$, so that the mean of the output is the map's offset; a constant beside it costs one "
+        "rank.\n- *$b_i c_i = 0$.* With two lags in $D$ and one, two or three in $B$, all of them different "
+        f"from zero, {overlap[0]}, {overlap[1]} and {overlap[2]} parameters are not determined: the "
+        "constraint takes away 1, 2 and 2.\n- *Start.* When $B$ has the lags of $z$, step 3 of 4.3.1 "
+        "regresses on what step 1 has taken out: the first $d$ has "
+        f"{display.number(numbers['initialisation/shared-lags'], digits=1)} of its proper length."
     )
 
 

@@ -59,8 +59,7 @@ def sequence(results: Results, case: str) -> Display:
     return display.figure(
         drawing,
         f"Figure {'5.2' if case == '5.2' else '5.4'} regenerated: coefficients by iteration in Example "
-        f"{case}, "
-        "one record; dotted lines are true values.",
+        f"{case}, one record; dotted lines are true values.",
         f"This record: {shown['status']}.",
     )
 
@@ -95,8 +94,7 @@ def clouds(results: Results) -> Display:
         "Figure 5.3 regenerated: samples of the map (left) and number of modes against the bound (right) at "
         f"iterations {', '.join(str(cloud['iteration']) for cloud in shown)} of Example 5.3.",
         "At the third iteration the error of the best map of two modes is still far above 0.4, the bound "
-        "that the "
-        "text takes there; it comes down to it some iterations later.",
+        "that the text takes there; it comes down to it some iterations later.",
     )
 
 

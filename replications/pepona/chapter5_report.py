@@ -104,12 +104,9 @@ def estimates(results: Results, case: str) -> Display:
         formats=formats,
         align="lrrrrrrrrr",
         caption=f"Example {case}, {_entry(results, case)['n_runs']} records of {EXAMPLES[case].samples} "
-        f"samples. z: "
-        "distance of the printed value from the mean of the alternating scheme, in standard deviations of "
-        "single "
-        f"runs. Bound: Cramér-Rao {what}; ratio: RMSE of the joint fit over it. The joint fit finds the "
-        f"modes in "
-        f"{share:.0f} % of the records.",
+        "samples. z: distance of the printed value from the mean of the alternating scheme, in standard "
+        f"deviations of single runs. Bound: Cramér-Rao {what}; ratio: RMSE of the joint fit over it. The "
+        f"joint fit finds the modes in {share:.0f} % of the records.",
     )
 
 
@@ -148,8 +145,7 @@ def thresholds(results: Results) -> Display:
         formats={"rate": ".2f"},
         align="llrrrr",
         caption="Iterations, and distance to the fixed point relative to the parameters, at the stop; "
-        "medians, "
-        "the partition known. Where the rate is near one the stop comes early.",
+        "medians, the partition known. Where the rate is near one the stop comes early.",
     )
 
 
@@ -187,14 +183,11 @@ def stages(results: Results) -> Display:
         ["", "map stage", "runs", "success", "two modes", "settled", "iterations", "error", "time [s]"],
         formats={"runs": ".0f", "iterations": ".1f", "error": ".3f", "time [s]": ".2f"},
         align="llrrrrrrr",
-        caption="Table 5.1 with each map stage. Success: two modes, at most 5 % of the samples in the "
-        "wrong one. Error: "
-        "root of the sum of the mean squared errors of all parameters but the boundary, where there are "
-        "two modes. "
-        f"Time: one record. Bounds by iteration, {bounds} (5.2 as in the text; of 5.3 the text gives the "
-        f"first and "
-        f"the third); modes hold {100 * SMALLEST_MODE:.0f} % of the samples or more. At most 15 iterations "
-        f"with bounds.",
+        caption="Table 5.1 with each map stage. Success: two modes, at most 5 % of the samples in the wrong "
+        "one. Error: root of the sum of the mean squared errors of all parameters but the boundary, where "
+        f"there are two modes. Time: one record. Bounds by iteration, {bounds} (5.2 as in the text; of 5.3 "
+        f"the text gives the first and the third); modes hold {100 * SMALLEST_MODE:.0f} % of the samples or "
+        "more. At most 15 iterations with bounds.",
     )
 
 
@@ -233,12 +226,10 @@ def table_5_3(results: Results) -> Display:
         heads,
         formats=formats,
         align="lrrrrrrr",
-        caption="Table 5.3, relative errors [%]. The printed last column follows from the printed Table "
-        "5.2 within the "
-        "rounding of its entries, and one set of unrounded estimates gives all four. In "
-        f"{100 * n['table_5.3/better_share']:.0f} % of modes and records the LFT estimate is the better "
-        f"one, in "
-        f"{100 * n['table_5.3/all_better_share']:.0f} % of the records in all four modes.",
+        caption="Table 5.3, relative errors [%]. The printed last column follows from the printed Table 5.2 "
+        "within the rounding of its entries, and one set of unrounded estimates gives all four. In "
+        f"{100 * n['table_5.3/better_share']:.0f} % of modes and records the LFT estimate is the better one, "
+        f"in {100 * n['table_5.3/all_better_share']:.0f} % of the records in all four modes.",
     )
 
 
@@ -270,8 +261,7 @@ def pwarx(results: Results) -> Display:
             ["example", r"$\delta$", "modes, printed", "modes, median", "misplaced", "outliers"],
             align="lrrrrr",
             caption="The bounded-error procedure on the whole system, its structure ignored. Misplaced: "
-            "samples in a "
-            "wrong mode of the equivalent PWARX model, which has 4 and 32.",
+            "samples in a wrong mode of the equivalent PWARX model, which has 4 and 32.",
         ),
         display.prose(
             f"Of the 32 modes of Example 5.3 a record visits {n['count/5.3/visited']:.0f} (median; 26 "

@@ -14,7 +14,6 @@ from sysid.lft import (
     PiecewiseLft,
     fit_alternating,
     fit_continuous,
-    fit_given_partition,
     fit_joint,
     rows_of,
 )
@@ -23,7 +22,6 @@ from sysid.nonlinearities.piecewise_affine import (
     BoundedError,
     GlobalSearch,
     KPlane,
-    PiecewiseAffineMap,
     Stage,
     bounded_error,
     label_error,
@@ -239,11 +237,3 @@ class PwarxRun:
             "misplaced": label_error(fit.labels, np.asarray(truth)),
             "outliers": fit.outlier_share,
         }
-
-
-def known_partition(example: Example, u: Floats, y: Floats) -> PiecewiseLft:
-    """Fit all parameters with the mode of every sample known."""
-    rows = rows_of(example.structure, u, y)
-    map_ = example.model.map
-    linear, theta, _ = fit_given_partition(example.structure, rows, map_.mode(rows.z), 2, example.model.g)
-    return PiecewiseLft.of(example.structure, linear, PiecewiseAffineMap(theta, map_.separators))

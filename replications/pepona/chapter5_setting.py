@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from replications.pepona.chapter import claims_file
+from replications.paper import claims_of
 from sysid.claims import read
 from sysid.lft import PiecewiseLft, PiecewiseStructure
 from sysid.nonlinearities.piecewise_affine import PiecewiseAffineMap
@@ -130,16 +130,10 @@ def sorted_modes(map_: PiecewiseAffineMap) -> tuple[Floats, Floats]:
     return (theta if h[-1] > 0 else theta[::-1]), h / h[-1]
 
 
-def noise_free_error(example: Example, model: PiecewiseLft, u: ArrayLike, y: ArrayLike) -> float:
-    """Return the RMS difference of the one-step predictions from those of the true system."""
-    first = example.structure.first
-    return float(np.sqrt(np.mean((model.one_step(u, y) - example.model.one_step(u, y))[first:] ** 2)))
-
-
 def printed_results() -> Mapping[str, tuple[str, str, float]]:
     """Return the printed results of single experiments: case and column of our runs, and the value."""
     found = {}
-    for claim in read(claims_file()):
+    for claim in read(claims_of("pepona")):
         if claim.id.startswith("5.") and claim.tolerance["type"] == "monte-carlo-band":
             found[claim.id] = (*_cut(claim.number), float(claim.printed))
     return found

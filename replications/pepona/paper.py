@@ -1,13 +1,11 @@
 """Pepona's thesis as the command ``sysid replicate pepona`` sees it."""
 
 from collections.abc import Mapping
-from importlib import resources
-from importlib.resources.abc import Traversable
-from pathlib import Path
 from typing import Any
 
 from replications.errata import erratum_gates, erratum_numbers
-from replications.pepona.chapter import Chapter, Studies, claims_file
+from replications.paper import ReplicatedPaper
+from replications.pepona.chapter import Chapter, Studies
 from replications.pepona.chapter4 import CHAPTER_4
 from replications.pepona.chapter5 import CHAPTER_5
 from replications.pepona.records import record_result
@@ -20,7 +18,7 @@ from sysid.replication import PaperResult, Session
 CHAPTERS: tuple[Chapter, ...] = (CHAPTER_4, CHAPTER_5)
 
 
-class Pepona:
+class Pepona(ReplicatedPaper):
     """Identification of block-oriented systems: Chapters 4 and 5."""
 
     id = "pepona"
@@ -32,26 +30,13 @@ class Pepona:
     default_runs = 200
     smoke_runs = 20
 
-    @property
-    def claims_file(self) -> Traversable:
-        """The printed values."""
-        return claims_file()
-
-    @property
-    def notebook(self) -> Path:
-        """The narrative of the report."""
-        return Path(str(resources.files("reports") / "pepona.py"))
-
     def plan(self, runs: int) -> Mapping[str, tuple[Task, int]]:
         """Return every case with its task and number of runs."""
         return {case: work for chapter in CHAPTERS for case, work in chapter.plan(runs).items()}
 
     def replicate(self, session: Session) -> PaperResult:
         """Run every study and hold the thesis against it."""
-        with session.timed("studies"):
-            studies = {
-                case: session.study(case, task, n) for case, (task, n) in self.plan(session.runs).items()
-            }
+        studies = self.studies(session)
         with session.timed("errata"):
             found_errata = [erratum for chapter in CHAPTERS for erratum in chapter.errata()]
         numbers: dict[str, float | None] = {**erratum_numbers(found_errata)}

@@ -39,9 +39,7 @@ def benchmark(results: Results) -> Display:
         ),
         display.prose(
             f"Chosen on held-out rows: orders {found['orders'][0]} and {found['orders'][1]}, "
-            f"{found['knots']} knots, "
-            f"{found['parameters']} parameters. The largest error is {found['largest_mv']:.2f} mV; the "
-            "searches from "
-            f"different starts {restarts}."
+            f"{found['knots']} knots, {found['parameters']} parameters. The largest error is "
+            f"{found['largest_mv']:.2f} mV; the searches from different starts {restarts}."
         ),
     )

@@ -9,8 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from sysid.diagnosis.content import interval_text
-from sysid.diagnosis.wording import percent, quantity, significant
+from sysid.diagnosis.wording import interval_text, percent, quantity, significant
 
 if TYPE_CHECKING:
     from sysid.diagnosis.comparison import Comparison

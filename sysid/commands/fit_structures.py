@@ -233,8 +233,7 @@ def positive(text: str) -> float:
 PIECEWISE_AFFINE = Structure(
     "piecewise-affine",
     "A(q) y = B(q) u + G(q) f(z) + e with an f that is affine in each of several regions and may jump "
-    "between "
-    "them, by one-step prediction error",
+    "between them, by one-step prediction error",
     (
         *(option for option in LFT.options if option.flag in ("--z", "--a-order", "--g-order", "--b-lags")),
         Option(

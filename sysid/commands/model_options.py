@@ -15,7 +15,8 @@ def add_model_options(parser: argparse.ArgumentParser) -> None:
         metavar="linear|NAME|FILE.toml|MODULE:CLASS",
         default="linear",
         help="linear (default), state-space, hammerstein-<map> (as hammerstein-saturation), local-linear (or "
-        "local-linear-3 for three of them), wiener-hammerstein, a physical model that `sysid models` lists, "
+        "local-linear-3 for three of them), hammerstein, wiener, wiener-hammerstein (free maps), lft, "
+        "piecewise-affine, a physical model that `sysid models` lists, "
         "or one of your own",
     )
     group.add_argument(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.formats import Variable, by_type, refused
+from sysid.data.variables import Variable, by_type, refused
 
 OBJECT = "is a MATLAB object or function, which is not read: save its numbers as plain variables"
 STRUCTS = "is an array of structures: save each column under a name of its own"

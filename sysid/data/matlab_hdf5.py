@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.formats import Variable, by_type, refused
 from sysid.data.matlab import CELLS, DEEPEST, OBJECT, SPARSE, STRUCTS
+from sysid.data.variables import Variable, by_type, refused
 
 ELSEWHERE = "is a link to another place: save the values themselves"
 PLAIN = frozenset(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from sysid.data.formats import Variable, by_type, refused
+from sysid.data.variables import Variable, by_type, refused
 from sysid.errors import DataError
 
 MEMBER = ".npy"

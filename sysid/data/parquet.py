@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.formats import Variable, refused
+from sysid.data.variables import Variable, refused
 
 
 def variables(path: Path) -> Sequence[tuple[str, Variable]]:

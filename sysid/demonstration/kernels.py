@@ -1,5 +1,7 @@
 """Compiled simulators of the demonstration plants, written apart from the models that are fitted.
 
+They share no line with those models: what both had from one place would be wrong in both and not be seen.
+
 A force is a vector of `FORCE_SIZE` numbers, every entry zero when its law is absent:
 
 ====  ==========================================================

@@ -13,6 +13,8 @@ from sysid.diagnosis.structures import WHITE, StructureFit, filtered
 TIED = 2.0
 # A further effect must explain this share of what all effects explain, or it is a detail of the first.
 LEAST_SHARE = 0.01
+# Where everything is significant it must also lower the free-run error on held-out rows by this share.
+LEAST_FALL = 0.1
 
 
 def is_accepted(
@@ -40,6 +42,8 @@ def is_accepted(
     )
     if not agreed or not further:
         return agreed
+    if evidence.smooth and trial.validation > (1.0 - LEAST_FALL) * evidence.held_out_error(current, WHITE):
+        return False
     left = evidence.cost(trial.fit, WHITE_NOISE)
     whole = evidence.cost(baseline, WHITE_NOISE) - left
     step = evidence.cost(current, WHITE_NOISE) - left

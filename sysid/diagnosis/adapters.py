@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sysid.data import Record
-from sysid.diagnosis.models import LINEAR, ParameterValue
+from sysid.diagnosis.fitted_model import LINEAR, ParameterValue
 from sysid.diagnosis.scores import finite
 from sysid.diagnosis.wording import ordinal, quantity
 
@@ -99,8 +99,8 @@ class LinearModel:
         found = []
         if not self.restarts_agree:
             found.append(
-                "Searches for the linear model from different starts ended at different errors: another "
-                "model of the same order may do better; compare other orders with --order."
+                "Searches for the linear model from different starts ended at different errors or outputs: "
+                "another model of the same order may do better; compare other orders with --order."
             )
         if not self.converged:
             found.append(f"The fit of the linear model did not converge: {self.status}.")
@@ -197,6 +197,7 @@ class PhysicalModel(Refitted):
 
     fit: "PhysicsFit"
     accepted: "PhysicsFit"
+    hold_note: str = ""
     poles: tuple[complex, ...] = ()
     candidates: "tuple[Candidate, ...]" = ()
 
@@ -238,10 +239,9 @@ class PhysicalModel(Refitted):
         """Which parameters were searched."""
         fixed = [name for name in self.fit.values if name not in self.fit.names]
         known = f"; {', '.join(fixed)} {'is' if len(fixed) == 1 else 'are'} fixed" if fixed else ""
-        return (
-            f"The parameters {', '.join(self.fit.names)} were fitted by the free-run error of the model"
-            f"{known}.",
-        )
+        names = ", ".join(self.fit.names)
+        fitted = f"The parameters {names} were fitted by the free-run error of the model{known}."
+        return (fitted, self.hold_note) if self.hold_note else (fitted,)
 
     @property
     def initial_state(self) -> str:
@@ -279,4 +279,5 @@ class PhysicalModel(Refitted):
             "title": self.fit.model.title,
             "equations": list(self.equations),
             "fixed": [name for name in self.fit.values if name not in self.fit.names],
+            "hold": self.fit.hold,
         }

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from sysid.data import Record
 from sysid.diagnosis.adapters import Refitted
-from sysid.diagnosis.models import ParameterValue
+from sysid.diagnosis.fitted_model import ParameterValue
 from sysid.diagnosis.scores import finite
 from sysid.diagnosis.wording import ordinal
 from sysid.errors import UsageError
@@ -60,8 +60,8 @@ class BlackBox(Refitted):
         found = []
         if not self.restarts_agree:
             found.append(
-                f"Searches for the {self.title} from different starts ended at different errors: another "
-                "one of the same order may do better; compare other orders with --order."
+                f"Searches for the {self.title} from different starts ended at different errors or outputs: "
+                "another one of the same order may do better; compare other orders with --order."
             )
         if not self.converged:
             found.append(f"The fit of the {self.title} did not converge: {self.status}.")
@@ -89,17 +89,16 @@ class BlackBox(Refitted):
         if isinstance(self.fit, StateSpaceFit):
             matrices = {"A": self.fit.A, "B": self.fit.B, "C": self.fit.C, "D": self.fit.D}
             found |= {name: matrix.tolist() for name, matrix in matrices.items()}
-            found["offset"] = self.fit.offset.tolist()
+            found |= {"offset": self.fit.offset.tolist(), "drift": self.fit.drift.tolist()}
             found["validation"] = {str(order): finite(error) for order, error in self.fit.validation.items()}
         return found
 
 
 def black_box_names() -> tuple[str, ...]:
     """Return the names of these models."""
-    from sysid.diagnosis.models import WIENER_HAMMERSTEIN
     from sysid.nonlinearities import NONLINEARITIES
 
-    return (STATE_SPACE, *(f"{HAMMERSTEIN}{name}" for name in NONLINEARITIES), WIENER_HAMMERSTEIN)
+    return (STATE_SPACE, *(f"{HAMMERSTEIN}{name}" for name in NONLINEARITIES))
 
 
 def fit_black_box(
@@ -137,7 +136,7 @@ def _state_space(
         name=STATE_SPACE,
         title=f"state-space model of order {chosen.order}",
         subject=f"A {ordinal(chosen.order)}-order state-space model",
-        equations=("x(k+1) = A x(k) + B u(k)", "y(k) = C x(k) + D u(k) + offset"),
+        equations=("x(k+1) = A x(k) + B u(k) + drift", "y(k) = C x(k) + D u(k) + offset"),
         notes=(f"Its fit: {chosen.status}.",),
         fit=chosen,
         accepted=accepted,

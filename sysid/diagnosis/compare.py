@@ -9,8 +9,9 @@ import numpy as np
 
 from sysid.data import Record
 from sysid.diagnosis.comparison import Comparison
+from sysid.diagnosis.fitted_model import LINEAR
 from sysid.diagnosis.judge import FITTING_SHARE, check_output, judge
-from sysid.diagnosis.models import LINEAR, fit_model, resolve_model
+from sysid.diagnosis.models import fit_model, resolve_model
 from sysid.errors import UsageError
 from sysid.progress import Callback, part_of
 

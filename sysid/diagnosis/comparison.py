@@ -5,7 +5,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from sysid.data import Record
-from sysid.diagnosis.models import FittedModel
+from sysid.diagnosis.fitted_model import FittedModel
 from sysid.diagnosis.noise import NoiseFloor
 from sysid.diagnosis.periods import Distortion
 from sysid.diagnosis.residuals import CorrelationTest
@@ -16,7 +16,7 @@ from sysid.diagnosis.where import Finding, Location
 
 if TYPE_CHECKING:
     from sysid.diagnosis.content import Content
-    from sysid.diagnosis.models import PortView
+    from sysid.diagnosis.fitted_model import PortView
     from sysid.linear.simulation import Prediction
 
 

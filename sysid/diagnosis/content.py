@@ -7,15 +7,12 @@ from typing import TYPE_CHECKING
 
 from sysid.diagnosis.residuals import CorrelationTest
 from sysid.diagnosis.summary import spoken
-from sysid.diagnosis.wording import percent, quantity, significant
+from sysid.diagnosis.wording import interval_text, percent, quantity, significant
 
 if TYPE_CHECKING:
     from sysid.diagnosis.comparison import Comparison
-    from sysid.diagnosis.figures import Picture
+    from sysid.diagnosis.drawing import Picture
     from sysid.diagnosis.scores import SetScore
-
-
-NORMAL_95 = 1.959963984540054  # 97.5 % quantile of the normal distribution
 
 
 @dataclass(frozen=True)
@@ -224,20 +221,6 @@ def _error_text(std_error: float | None) -> str:
     if std_error is None:
         return "fixed"
     return f"{std_error:.2g}" if isfinite(std_error) else "not determined"
-
-
-def interval_text(value: float, std_error: float | None) -> str:
-    """Return the 95 % interval of a parameter, or a dash.
-
-    Examples
-    --------
-    >>> interval_text(0.4, 0.01), interval_text(1.0, None)
-    ('0.3804 to 0.4196', '–')
-    """
-    if std_error is None or not isfinite(std_error):
-        return "–"
-    half = NORMAL_95 * std_error
-    return f"{value - half:.4g} to {value + half:.4g}"
 
 
 def _pole(pole: complex, period: float) -> tuple[str, str]:

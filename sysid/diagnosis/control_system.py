@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.pointwise import check_pointwise
 from sysid.errors import ModelError
 from sysid.physics import forced_kernels as fk
 from sysid.physics.forced import MOST_STATES, ForcedPlant
@@ -17,14 +18,12 @@ def control_system(saved: "SavedPhysicalModel") -> Any:
     """Return a `control.NonlinearIOSystem` in continuous time; see `SavedPhysicalModel.to_control`."""
     import control
 
-    from sysid.diagnosis.export_physics import pointwise
-
     plant = saved.plant
     if not isinstance(plant, ForcedPlant):
         raise ModelError(
             f"model {saved.model.name!r} is not linear in its states: use SavedPhysicalModel.simulate instead"
         )
-    pointwise(saved)
+    check_pointwise(saved.choices)
     plants, by_input, direct = plant.coefficients(saved.values[np.newaxis], saved.law[np.newaxis])
     w, n, port = plants[0], plant.order, plant.port
     dry = bool((w[[fk.FRICTION_FORWARD, fk.FRICTION_BACK]] > 0.0).any() or w[fk.BREAKAWAY] != 0.0)

@@ -41,6 +41,8 @@ class Search:
         Candidates fitted at a time, each by a thread of its own; the answer is the same.
     bars : Progress, optional
         Shows how many candidates of a round are fitted.
+    smooth : bool
+        Whether rows of the record stand for several of a slow motion, see `Evidence`.
     """
 
     def __init__(
@@ -54,9 +56,11 @@ class Search:
         given: Sequence[Effect] = (),
         jobs: int = 1,
         bars: Progress | None = None,
+        smooth: bool = False,
     ) -> None:
         self.structure, self.alpha, self.max_effects, self.seed = structure, alpha, max_effects, seed
         self.jobs, self.bars = jobs, Progress() if bars is None else bars
+        self.smooth = smooth
         self.names = [effect.name for effect in effects]
         self.given = structure.offered(given)
         already = {effect.name for effect in self.given}
@@ -79,7 +83,7 @@ class Search:
 
     def _attempt(self, rows: Mask, held_out: Mask) -> "Attempt":
         """Return the search on these rows."""
-        evidence = Evidence(self.structure, rows, held_out, self.alpha, len(self.given))
+        evidence = Evidence(self.structure, rows, held_out, self.alpha, len(self.given), self.smooth)
         trials = Trials(evidence, self.candidates, self.seed, self.jobs, self.bars)
         given = tuple(effect.name for effect in self.given)
         judge = Judge(evidence, given, NOISE_EFFECT in self.names)
@@ -206,5 +210,4 @@ class Attempt:
             gain=noise.gain,
             p_value=evidence.memory_p_value(noise),
             validation=evidence.held_out_error(baseline, WHITE),
-            innovation=evidence.held_out_error(baseline, noise.polynomial),
         )

@@ -30,8 +30,6 @@ class Trial:
         Chance that the best of all candidates looks as good with nothing missing.
     validation : float
         Root mean square of the free-run error on the validation rows.
-    innovation : float
-        Root mean square of the innovations on the validation rows.
     """
 
     name: str
@@ -41,7 +39,6 @@ class Trial:
     gain: float = 0.0
     p_value: float = 1.0
     validation: float = np.inf
-    innovation: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)

@@ -267,7 +267,7 @@ def diagnose(
     with bars_of(progress) as bars:
         search = Search(
             structure, candidates, alpha=alpha, max_effects=max_effects, seed=seed, given=find_effects(add),
-            jobs=jobs, bars=bars,
+            jobs=jobs, bars=bars, smooth=count > 1,
         )  # fmt: skip
         decision = search.decide()
     kept = _kept(decision, accept)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.diagnosis.content import Content, Section, Table
-from sysid.diagnosis.figures import (
+from sysid.diagnosis.drawing import (
     NARROW,
     WIDE,
     Picture,
@@ -14,9 +14,9 @@ from sysid.diagnosis.figures import (
     legend,
     line_look,
     plain,
-    port_pictures,
-    seconds_of,
 )
+from sysid.diagnosis.figures import port_pictures
+from sysid.diagnosis.figures_run import seconds_of
 from sysid.diagnosis.wording import percent, quantity, significant
 from sysid.reporting.style import COLOURS, style, svg
 

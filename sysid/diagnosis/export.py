@@ -12,11 +12,12 @@ from numpy.typing import ArrayLike
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.effects.catalogue import find_effects
 from sysid.diagnosis.export_physics import KIND as PHYSICAL
-from sysid.diagnosis.export_physics import MEMORY, TIMED, SavedPhysicalModel, saved_physical_model
+from sysid.diagnosis.export_physics import SavedPhysicalModel, saved_physical_model
 from sysid.diagnosis.ladder import DiagnosedModel
 from sysid.diagnosis.linear_chain import Chain, Data
 from sysid.diagnosis.linear_structure import LinearStructure
 from sysid.diagnosis.physics_structure import PhysicsStructure
+from sysid.diagnosis.pointwise import check_pointwise
 from sysid.diagnosis.structures import Choice
 from sysid.errors import DataError, ModelError, SysidError, UsageError
 
@@ -93,11 +94,7 @@ class SavedModel:
 
         chain, point = self._chain()
         n = chain.order
-        for choice in chain.choices:
-            if choice.effect.port == "parallel" or choice.name in MEMORY or choice.name in TIMED:
-                raise ModelError(
-                    f"effect {choice.name!r} has a memory of its own: use SavedModel.simulate instead"
-                )
+        check_pointwise(chain.choices)
 
         def mapped(port: str, value: float) -> float:
             for i in chain.at[port]:

@@ -11,7 +11,7 @@ from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.effects.catalogue import find_effects
 from sysid.diagnosis.ladder import DiagnosedModel
 from sysid.diagnosis.physics_laws import INNER, SWITCHES, coefficients, with_level
-from sysid.diagnosis.physics_problem import COARSE_STEP
+from sysid.diagnosis.physics_problem import COARSE_STEP, problem_of
 from sysid.diagnosis.physics_setting import Plant
 from sysid.diagnosis.physics_structure import PhysicsStructure
 from sysid.diagnosis.structures import Choice
@@ -24,8 +24,6 @@ from sysid.physics.writing import model_text
 
 SCHEMA = 1
 KIND = "sysid-physical-model"
-MEMORY = ("in_backlash", "in_delay", "in_rate_limit", "in_hysteresis", "out_delay", "out_lowpass")
-TIMED = ("out_drift", "time_variation")
 
 
 @dataclass(frozen=True)
@@ -157,9 +155,7 @@ def saved_physical_model(model: DiagnosedModel) -> SavedPhysicalModel:
     structure, fit = model.structure, model.fitted
     assert isinstance(structure, PhysicsStructure)
     setting, plant = structure.setting, structure.plant
-    problem = structure.problem_of(fit)
-    values = setting.known.copy()
-    values[setting.places] = setting.to_values(fit.point[: problem.n_model])
+    problem, values = problem_of(setting, fit), setting.values_of(fit.point)
     named = dict(zip(plant.names, values.tolist(), strict=True))
     effects = tuple(
         (
@@ -173,12 +169,3 @@ def saved_physical_model(model: DiagnosedModel) -> SavedPhysicalModel:
     steps = plant.substeps(values[np.newaxis], COARSE_STEP) if stepped else 1
     text = model_text(structure.model.with_values(named))
     return SavedPhysicalModel(text, structure.record.period, plant.hold, steps, effects)
-
-
-def pointwise(saved: SavedPhysicalModel) -> None:
-    """Raise ModelError if an effect at a port needs more than the sample it maps."""
-    for choice in saved.choices:
-        if choice.effect.port == "parallel" or choice.name in (*MEMORY, *TIMED):
-            raise ModelError(
-                f"effect {choice.name!r} has a memory of its own: use SavedPhysicalModel.simulate instead"
-            )

@@ -1,27 +1,17 @@
 """Frequency responses of the linear blocks of a model."""
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from sysid.diagnosis.drawing import WIDE, legend
+from sysid.diagnosis.fitted_model import BlockResponse
 from sysid.reporting.style import COLOURS, LINE_STYLES, subplots
 
 if TYPE_CHECKING:
-    from sysid.linear.forms import Floats
+    pass
 
-WIDE, HEIGHT = 7.2, 3.1
+HEIGHT = 3.1
 # Decades that the gains reach down from the largest one.
 DECADES = 5
-
-
-@dataclass(frozen=True)
-class BlockResponse:
-    """Gain of a linear block over frequency [Hz], with its 95 % band."""
-
-    name: str
-    frequency: "Floats"
-    gain: "Floats"
-    lower: "Floats"
-    upper: "Floats"
 
 
 def blocks_figure(responses: tuple[BlockResponse, ...], width: float = WIDE) -> tuple[Any, str, str]:
@@ -33,8 +23,6 @@ def blocks_figure(responses: tuple[BlockResponse, ...], width: float = WIDE) -> 
     width : float
         Width of the figure [inch].
     """
-    from sysid.diagnosis.figures import legend
-
     figure, axes = subplots(1, 1, width=width, height=HEIGHT)
     top = max(float(response.upper.max()) for response in responses)
     for number, response in enumerate(responses):

@@ -4,13 +4,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.diagnosis.figures import MEASURED, NARROW, legend, line_look, plain, scored_places
+from sysid.diagnosis.drawing import MEASURED, NARROW, legend, line_look, plain
+from sysid.diagnosis.figures_run import scored_places
 from sysid.diagnosis.wording import ordinal, quantity
 from sysid.reporting.style import COLOURS, GREY, MARKERS, series, subplots
 
 if TYPE_CHECKING:
     from sysid.diagnosis.comparison import Comparison
     from sysid.linear.forms import Floats
+
+
+# Correlations that find room beside each other on a wide page.
+MOST_BESIDE = 2
 
 
 def spectrum(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
@@ -87,16 +92,21 @@ def power_density(values: "Floats", period: float, length: int) -> tuple["Floats
 
 def correlations(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
     """Draw residual auto- and cross-correlations with their bands."""
-    tests = list(comparison.tests.items())[:2]
-    beside = width > NARROW
+    inputs = comparison.record.inputs
+    tests = list(comparison.tests.items())[: 1 + len(inputs)]
+    beside = width > NARROW and len(tests) <= MOST_BESIDE
     figure, grid = subplots(
         1 if beside else len(tests),
         len(tests) if beside else 1,
         width=width,
-        height=height if beside else 1.6 * height,
+        height=height if beside else 0.8 * len(tests) * height,
         squeeze=False,
     )
-    for axes, (name, test) in zip(grid.ravel(), tests, strict=True):
+    labels = [
+        "residual with itself",
+        *(f"{name if len(inputs) > 1 else 'input'} with residual" for name in inputs),
+    ]
+    for axes, label, (_, test) in zip(grid.ravel(), labels, tests, strict=True):
         axes.fill_between(test.lags, -test.band, test.band, color="#d9d9d9", linewidth=0, label="99 % band")
         axes.vlines(test.lags, 0.0, test.correlation, color=COLOURS[0], linewidth=1.2)
         axes.plot(
@@ -104,13 +114,13 @@ def correlations(comparison: "Comparison", width: float, height: float) -> tuple
         )
         axes.axhline(0.0, color=GREY, linewidth=0.6)
         axes.set_xlabel("lag [samples]")
-        axes.set_ylabel("residual with itself" if name == "whiteness" else "input with residual")
+        axes.set_ylabel(plain(label))
         legend(axes)
+    followed = [name for name, (_, test) in zip(inputs, tests[1:], strict=True) if not test.passed]
+    whose = "the input" if len(inputs) == 1 else " and ".join(followed) or "any input"
     words = [
         "the residual is white" if tests[0][1].passed else "the residual has a memory",
-        "no linear trace of the input is left in it"
-        if tests[1][1].passed
-        else "it still follows the input linearly",
+        f"it still follows {whose} linearly" if followed else f"no linear trace of {whose} is left in it",
     ]
     reading = f"Bars beyond the grey band speak against chance: {words[0]}, and {words[1]}."
     return figure, "Correlation of the residual with itself and with the input", reading

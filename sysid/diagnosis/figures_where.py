@@ -4,7 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.diagnosis.figures import NARROW, axis_label, draw_with_input, legend, plain, worst_rows
+from sysid.diagnosis.drawing import NARROW, axis_label, legend, plain
+from sysid.diagnosis.figures_run import draw_with_input, worst_rows
 from sysid.diagnosis.residuals import BAND
 from sysid.diagnosis.surrogates import newly_arising
 from sysid.diagnosis.where import LEVEL, Finding, Share

@@ -114,6 +114,8 @@ class Growth:
         """Return a pair of effects that holds on held-out rows where the better one alone does not."""
         evidence = self.trials.evidence
         no_place = n_before + 2 > self.max_effects + len(self.given)
+        # Where everything is significant a pair is no more than a detail in two parts.
+        no_place = no_place or (evidence.smooth and n_before > len(self.given))
         if best.fit is None or no_place or not is_significant(evidence, best):
             return None
         found = self.trials.beside(best.fit, True)

@@ -8,7 +8,7 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.comparison import Comparison
-from sysid.diagnosis.models import FittedModel
+from sysid.diagnosis.fitted_model import FittedModel
 from sysid.diagnosis.noise import noise_floor
 from sysid.diagnosis.nonlinear_tests import nonlinear_tests
 from sysid.diagnosis.periods import Distortion, distortion, periodic_part
@@ -21,7 +21,7 @@ from sysid.linear.forms import Floats
 from sysid.progress import Callback, part_of
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.models import PortView
+    from sysid.diagnosis.fitted_model import PortView
     from sysid.linear.output_error import OutputErrorFit
     from sysid.physics import PhysicsFit
 
@@ -105,7 +105,7 @@ def _with_linear_part(fitted: FittedModel) -> "OutputErrorFit | PhysicsFit | Non
 
 def _with_reversals(location: Location, series: Series, free_run: Floats, fitted: FittedModel) -> Location:
     """Add what the residual tells of a force with the sign of the velocity, if no region told it."""
-    from sysid.diagnosis.ports.plants import plant_of
+    from sysid.diagnosis.ports.opening import plant_of
     from sysid.diagnosis.reversal_force import reversal_finding
 
     model = _with_linear_part(fitted)

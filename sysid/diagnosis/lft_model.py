@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from sysid.data import Record
 from sysid.diagnosis.adapters import Refitted
-from sysid.diagnosis.content import NORMAL_95
-from sysid.diagnosis.models import ParameterValue
+from sysid.diagnosis.fitted_map import GRID, INNER, FittedMap, density_on, inner_range
+from sysid.diagnosis.fitted_model import ParameterValue
 from sysid.diagnosis.residuals import CorrelationTest, whiteness
 from sysid.diagnosis.scores import finite
 from sysid.diagnosis.wording import percent, quantity
@@ -26,46 +26,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-GRID = 200
-DENSITY_CELLS = 40
 # A map is called straight unless chance would bend it as much less often than this.
 SIGNIFICANT = 0.01
-# The band is told where this share of the data lies, without as much at each end.
-INNER = 0.95
-
-
-@dataclass(frozen=True, eq=False)
-class FittedMap:
-    """A map of the model for a figure: on a grid over its data, with its 95 % band."""
-
-    heading: str
-    sentence: str
-    quantity: str
-    unit: str
-    result: str
-    result_unit: str
-    value: Floats
-    centre: Floats
-    lower: Floats
-    upper: Floats
-    density: Floats
-    knots: Floats
-    bend: Floats
-    bend_lower: Floats
-    bend_upper: Floats
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain values."""
-        columns = (
-            "value", "centre", "lower", "upper", "density", "knots", "bend", "bend_lower", "bend_upper",
-        )  # fmt: skip
-        return {
-            "quantity": self.quantity,
-            "unit": self.unit,
-            "result": self.result,
-            "result_unit": self.result_unit,
-            **{name: [finite(v) for v in getattr(self, name)] for name in columns},
-        }
 
 
 @dataclass(frozen=True)
@@ -222,33 +184,28 @@ class LftJudged(Refitted):
         grid = np.linspace(knots[0], knots[-1], GRID)
         lower, upper = fit.map_band(grid)
         bend, deviation = fit.bend(grid)
-        counts, edges = np.histogram(fit.z, bins=DENSITY_CELLS, range=(knots[0], knots[-1]))
-        cell = np.clip(np.searchsorted(edges, grid, side="right") - 1, 0, DENSITY_CELLS - 1)
         lags = fit.structure.z_lags
         single = f"z = {at(*lags[0])}" if len(lags) == 1 else f"z = {_weighted(fit)}"
         signals = {signal for signal, _ in lags}
         return FittedMap(
-            heading="Static map of the model, with its 95 % band and the data it rests on",
             sentence=self._looks(),
             quantity=single,
             unit=self._signal_unit(signals.pop()) if len(signals) == 1 else "",
-            result="w",
             result_unit=self.units.get(fit.output, ""),
             value=grid,
             centre=fit.map(grid),
             lower=lower,
             upper=upper,
-            density=counts[cell] / (fit.z.size * np.diff(edges)[cell]),
+            density=density_on(grid, fit.z),
             knots=knots,
             bend=bend,
-            bend_lower=bend - NORMAL_95 * deviation,
-            bend_upper=bend + NORMAL_95 * deviation,
+            bend_deviation=deviation,
         )
 
     @cached_property
     def _inner(self) -> tuple[Floats, float]:
         """Return the map where most of its data lie, and the largest half width of its band there."""
-        low, high = np.quantile(self.fit.z, [0.5 - INNER / 2, 0.5 + INNER / 2])
+        low, high = inner_range(self.fit.z)
         grid = np.linspace(low, high, GRID)
         lower, upper = self.fit.map_band(grid)
         return self.fit.map(grid), float(np.max(upper - lower)) / 2.0

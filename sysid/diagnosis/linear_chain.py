@@ -18,6 +18,7 @@ from sysid.diagnosis.linear_kernels import (
     tangent,
 )
 from sysid.diagnosis.structures import Choice
+from sysid.diagnosis.whitening import opening
 from sysid.errors import UsageError
 
 # Relative step of a difference quotient: between rounding and curvature for values of any size.
@@ -316,7 +317,7 @@ class Chain:
     def _filtered(self, data: Data, lines: Floats, noise: Floats) -> Floats:
         if noise.size == 1 and data.all_used:
             return lines
-        return np.asarray(chosen_filtered(lines, data.used, data.begin, noise))
+        return np.asarray(chosen_filtered(lines, data.used, data.begin, noise, opening(noise)))
 
 
 def too_many_drives(choices: Sequence[Choice]) -> bool:

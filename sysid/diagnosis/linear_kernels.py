@@ -204,8 +204,11 @@ def tangent(
 
 
 @compiled
-def chosen_filtered(values: Floats, used: Any, begin: Any, noise: Floats) -> Floats:
-    """Return the used rows of each line of ``values`` (n_lines, n_rows), filtered by D(q)."""
+def chosen_filtered(values: Floats, used: Any, begin: Any, noise: Floats, first: Floats) -> Floats:
+    """Return the used rows of each line of ``values`` (n_lines, n_rows), filtered by D(q).
+
+    The first rows of each run have the weights ``first`` (order, order), see `sysid.diagnosis.whitening`.
+    """
     count = 0
     for k in range(used.shape[0]):
         count += used[k]
@@ -218,9 +221,14 @@ def chosen_filtered(values: Floats, used: Any, begin: Any, noise: Floats) -> Flo
                 if not used[k]:
                     run = 0
                     continue
-                value = values[line, k]
-                for lag in range(1, min(run, noise.shape[0] - 1) + 1):
-                    value += noise[lag] * values[line, k - lag]
+                if run < noise.shape[0] - 1:
+                    value = 0.0
+                    for lag in range(run + 1):
+                        value += first[run, run - lag] * values[line, k - lag]
+                else:
+                    value = values[line, k]
+                    for lag in range(1, noise.shape[0]):
+                        value += noise[lag] * values[line, k - lag]
                 out[line, row] = value
                 row += 1
                 run += 1

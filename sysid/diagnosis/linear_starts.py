@@ -6,6 +6,7 @@ from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.levenberg import minimise
 from sysid.diagnosis.linear_chain import Chain, Data
 from sysid.diagnosis.linear_kernels import is_stable, simulate
+from sysid.diagnosis.sign_retrieval import retrieved_signs
 from sysid.diagnosis.structures import WHITE
 
 RETRIEVALS = 6
@@ -25,26 +26,34 @@ def further_starts(chain: Chain, data: Data, point: Floats) -> list[Floats]:
 def _with_signs(chain: Chain, data: Data, point: Floats) -> list[Floats]:
     """Return starts for a rectified output: guess the signs, fit, take the signs of the fit, and again.
 
-    The first guesses are the sign of the fit without the rectifier, and that of its fit to the output
-    less part of its mean: where the rectifier folds much of the signal over, the mean is its trace.
+    The first guesses are those of `retrieved_signs`, the sign of the fit without the rectifier, and that
+    of its fit to the output less part of its mean: where the rectifier folds much of the signal over,
+    the mean is its trace.
     """
     plain = Chain(chain.order, chain.choices[:-1], chain.constant, chain.free_start)
     size = float(np.sqrt(np.mean(data.y[data.used] ** 2)))
-    found = []
+    run, guesses = plain.run(data, point), []
+    for sign in retrieved_signs(data, data.u if run is None else run.x, chain.constant):
+        # The fit without the rectifier followed next to nothing: its poles are no start.
+        signed = Data(data.u, sign * data.y, data.used, data.begin, data.period)
+        regressed = with_regressed_coefficients(plain, signed, point)
+        guesses.append(_fit(plain, data, point if regressed is None else regressed, sign * data.y))
     for share in (0.0, 0.5, 1.0):
         middle = share * float(np.mean(data.y[data.used]))
-        guess = _fit(plain, data, point, data.y - middle)
-        for _ in range(RETRIEVALS):
-            if guess is None:
-                break
-            run = plain.run(data, guess)
-            if run is None:
-                break
-            sign = np.where(run.y < -1e-9 * size, -1.0, 1.0)
-            guess = _fit(plain, data, guess, sign * data.y)
-        if guess is not None:
-            found.append(guess)
-    return found
+        guesses.append(_fit(plain, data, point, data.y - middle))
+    found = (_with_own_signs(plain, data, guess, size) for guess in guesses)
+    return [point for point in found if point is not None]
+
+
+def _with_own_signs(plain: Chain, data: Data, guess: Floats | None, size: float) -> Floats | None:
+    """Fit with the signs of the fit before, time and again."""
+    for _ in range(RETRIEVALS):
+        run = None if guess is None else plain.run(data, guess)
+        if guess is None or run is None:
+            break
+        sign = np.where(run.y < -1e-9 * size, -1.0, 1.0)
+        guess = _fit(plain, data, guess, sign * data.y)
+    return guess
 
 
 def _fit(chain: Chain, data: Data, point: Floats, y: Floats) -> Floats | None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from sysid.data import Record
 from sysid.diagnosis.adapters import Refitted
-from sysid.diagnosis.models import ParameterValue
+from sysid.diagnosis.fitted_model import ParameterValue
 from sysid.diagnosis.scores import finite
 from sysid.diagnosis.wording import ordinal, percent
 from sysid.errors import UsageError

@@ -1,188 +1,16 @@
-"""What a comparison needs of a fitted model; which models there are, and how they are fitted."""
+"""Which models can be compared, and how they are fitted."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 from sysid.data import Record
+from sysid.diagnosis.block_models import block_model_names, find_block_model
+from sysid.diagnosis.fitted_model import LINEAR, FittedModel
 from sysid.errors import UsageError
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.figures_blocks import BlockResponse
-    from sysid.linear.forms import Floats
-    from sysid.linear.selection import Candidate
-    from sysid.linear.simulation import Prediction
     from sysid.physics import Model, Starts
-
-LINEAR = "linear"
-WIENER_HAMMERSTEIN = "wiener-hammerstein"
-
-
-class ParameterValue(NamedTuple):
-    """A parameter with its standard error (None if it was not estimated) and unit."""
-
-    value: float
-    std_error: float | None
-    unit: str
-
-
-class FittedModel(Protocol):
-    """A fitted model, as a comparison sees it.
-
-    Attributes
-    ----------
-    name : str
-        ``"linear"``, or the name of a physical model.
-    title : str
-        For a heading: ``"linear model of order 2"``.
-    subject : str
-        For the start of a sentence: ``"A second-order linear model"``.
-    order : int
-        Number of states.
-    period : float
-        Sampling period [s].
-    equations : tuple of str
-    parameters : mapping of str to ParameterValue
-    notes : tuple of str
-        Sentences on the structure and how it was chosen.
-    initial_state : {"estimate", "rest"}
-    converged, restarts_agree : bool
-    status : str
-        How the search ended.
-    warnings : tuple of str
-    poles : tuple of complex
-        Of a discrete-time model; empty otherwise.
-    candidates : tuple of Candidate
-        Structures that were tried; empty where the structure was given.
-    """
-
-    @property
-    def name(self) -> str: ...  # noqa: D102
-    @property
-    def title(self) -> str: ...  # noqa: D102
-    @property
-    def subject(self) -> str: ...  # noqa: D102
-    @property
-    def order(self) -> int: ...  # noqa: D102
-    @property
-    def period(self) -> float: ...  # noqa: D102
-    @property
-    def equations(self) -> tuple[str, ...]: ...  # noqa: D102
-    @property
-    def parameters(self) -> Mapping[str, ParameterValue]: ...  # noqa: D102
-    @property
-    def notes(self) -> tuple[str, ...]: ...  # noqa: D102
-    @property
-    def initial_state(self) -> str: ...  # noqa: D102
-    @property
-    def converged(self) -> bool: ...  # noqa: D102
-    @property
-    def restarts_agree(self) -> bool: ...  # noqa: D102
-    @property
-    def status(self) -> str: ...  # noqa: D102
-    @property
-    def warnings(self) -> tuple[str, ...]: ...  # noqa: D102
-    @property
-    def poles(self) -> tuple[complex, ...]: ...  # noqa: D102
-    @property
-    def candidates(self) -> "tuple[Candidate, ...]": ...  # noqa: D102
-
-    def predict(self, record: Record) -> "Prediction":
-        """Predict every row by the final model, fitted on estimation and validation rows."""
-
-    def predict_held_out(self, record: Record) -> "Prediction":
-        """Predict every row by the same structure fitted on estimation rows only."""
-
-    def details(self) -> dict[str, Any]:
-        """Return further entries of the model's part of the JSON file."""
-
-
-class CurveView(Protocol):
-    """A static map with its band and the data it rests on, as a figure shows it.
-
-    Attributes
-    ----------
-    quantity, unit, result, result_unit : str
-        What the map is fed and what it returns.
-    value, centre, lower, upper, density : ndarray, shape (n_points,)
-        Grid, map, limits of its 95 % interval, share of the data around each point.
-    knots : ndarray
-    """
-
-    @property
-    def quantity(self) -> str: ...  # noqa: D102
-    @property
-    def unit(self) -> str: ...  # noqa: D102
-    @property
-    def result(self) -> str: ...  # noqa: D102
-    @property
-    def result_unit(self) -> str: ...  # noqa: D102
-    @property
-    def value(self) -> "Floats": ...  # noqa: D102
-    @property
-    def centre(self) -> "Floats": ...  # noqa: D102
-    @property
-    def lower(self) -> "Floats": ...  # noqa: D102
-    @property
-    def upper(self) -> "Floats": ...  # noqa: D102
-    @property
-    def density(self) -> "Floats": ...  # noqa: D102
-    @property
-    def knots(self) -> "Floats": ...  # noqa: D102
-
-
-class MapView(CurveView, Protocol):
-    """A map that is part of the fitted model.
-
-    Attributes
-    ----------
-    heading, sentence : str
-        What is drawn, and what it looks like.
-    bend, bend_lower, bend_upper : ndarray, shape (n_points,)
-        What the map has beyond its nearest straight line, with the 95 % interval.
-    """
-
-    @property
-    def heading(self) -> str: ...  # noqa: D102
-    @property
-    def sentence(self) -> str: ...  # noqa: D102
-    @property
-    def bend(self) -> "Floats": ...  # noqa: D102
-    @property
-    def bend_lower(self) -> "Floats": ...  # noqa: D102
-    @property
-    def bend_upper(self) -> "Floats": ...  # noqa: D102
-
-
-@runtime_checkable
-class Mapped(Protocol):
-    """A fitted model that shows maps of its own."""
-
-    def maps(self) -> "tuple[MapView, ...]":
-        """Return the maps of the final model."""
-
-
-@runtime_checkable
-class Responding(Protocol):
-    """A fitted model that shows the frequency responses of its linear blocks."""
-
-    def responses(self) -> "tuple[BlockResponse, ...]":
-        """Return the responses of the final model, with their bands."""
-
-
-class PortView(Protocol):
-    """A free-form curve at a port of the model, as a comparison shows it; the best one comes first."""
-
-    @property
-    def explains_at_most(self) -> float:
-        """Share of the error that a static map at this port removes."""
-
-    @property
-    def sentence(self) -> str:
-        """How much of the error a static map at this port explains at most."""
-
-    def to_json(self) -> dict[str, Any]:
-        """Return its entry of the JSON file: port, explains_at_most, curve."""
 
 
 def resolve_model(
@@ -197,7 +25,8 @@ def resolve_model(
     ----------
     model : str, Path or Model
         ``"linear"``, ``"state-space"``, ``"hammerstein-..."`` with the name of a map,
-        ``"wiener-hammerstein"``, ``"local-linear"``, the name of a physical model, a TOML file, or a model.
+        ``"hammerstein"``, ``"wiener"``, ``"wiener-hammerstein"``, ``"lft"``, ``"piecewise-affine"``,
+        ``"local-linear"``, the name of a physical model, a TOML file, or a model.
     order : int, optional
     start, fixed : mapping of str to float, optional
 
@@ -245,8 +74,8 @@ def _black_boxes(model: str | Path) -> tuple[str, ...]:
         from sysid.diagnosis.local_linear import LOCAL_LINEAR, is_local_linear
 
         return (str(model) if is_local_linear(str(model)) else LOCAL_LINEAR,)
-    if not str(model).startswith(("state", "hammerstein", "wiener")):
-        return ("state-space", "hammerstein-<map>", "wiener-hammerstein", "local-linear")
+    if not str(model).startswith(("state", "hammerstein-")):
+        return ("state-space", "hammerstein-<map>", *block_model_names(), "local-linear")
     from sysid.diagnosis.black_boxes import black_box_names
 
     return black_box_names()
@@ -267,7 +96,8 @@ def fit_model(
     A physical model is searched on the estimation rows from many starts; the refit with the
     validation rows goes on from there.
     """
-    from sysid.diagnosis.adapters import LinearModel, PhysicalModel
+    from sysid.diagnosis.adapters import LinearModel
+    from sysid.diagnosis.physical_fit import fit_physical
 
     if model is None:
         from sysid.linear.selection import choose_output_error
@@ -281,8 +111,10 @@ def fit_model(
             progress=progress,
         )
         return LinearModel(choice, dict(record.units))
-    if model == WIENER_HAMMERSTEIN:
-        return _wiener_hammerstein(record, order, delay, constant, initial_state, progress)
+    if isinstance(model, str) and (block := find_block_model(model)) is not None:
+        if constant is not None:
+            raise UsageError(f"constant belongs to the linear model: the map of a {model} model has its own")
+        return block.fit(record, order, delay, initial_state, progress)
     if isinstance(model, str):
         from sysid.diagnosis.black_boxes import fit_black_box
         from sysid.diagnosis.local_linear import fit_local_models, is_local_linear
@@ -297,41 +129,8 @@ def fit_model(
             initial_state=initial_state,
             progress=progress,
         )
-    from sysid.physics import fit_physics
-
     if delay is not None or constant is not None:
         raise UsageError(
             f"delay and constant belong to the linear model: {model.name!r} has parameters instead"
         )
-
-    def part(first: int) -> Callable[[int, int], None] | None:
-        return progress and (lambda done, total: progress(100 * first + 100 * done // total, 200))
-
-    accepted = fit_physics(
-        record, model, initial_state=initial_state, rows=record.estimation, progress=part(0)
-    )
-    near = {name: accepted.values[name] for name in accepted.names}
-    fit = fit_physics(record, model, start=near, initial_state=initial_state, progress=part(1))
-    if progress is not None:
-        progress(200, 200)
-    return PhysicalModel(fit, accepted)
-
-
-def _wiener_hammerstein(
-    record: Record,
-    order: int | None,
-    delay: int | None,
-    constant: bool | None,
-    initial_state: str,
-    progress: Callable[[int, int], None] | None,
-) -> FittedModel:
-    """Fit a Wiener-Hammerstein model; an order that is given is that of each of its blocks."""
-    from sysid.diagnosis.wiener_hammerstein_model import fit_wiener_hammerstein_structure
-
-    if constant is not None:
-        raise UsageError(
-            "constant belongs to the linear model: the map of a Wiener-Hammerstein model has its own"
-        )
-    given = {"orders": None if order is None else (order, order), "delay": delay}
-    options = {name: value for name, value in given.items() if value is not None}
-    return fit_wiener_hammerstein_structure(record, options, initial_state=initial_state, progress=progress)
+    return fit_physical(record, model, initial_state, progress)

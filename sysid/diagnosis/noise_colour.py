@@ -6,10 +6,12 @@ import numpy as np
 
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.structures import WHITE, filtered
+from sysid.diagnosis.structures import WHITE
 
 LARGEST_ORDER = 12
 ROWS_PER_LAG = 20
+# Share of the rows that must have a past as long as the largest order.
+LEAST_WITH_PAST = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,16 +56,9 @@ def noise_of(residual: Floats, rows: Mask, largest_order: int = LARGEST_ORDER) -
     >>> noise.order, bool(abs(noise.polynomial[1] + 0.8) < 0.03)
     (1, True)
     """
-    n_rows = int(rows.sum())
-    largest = min(largest_order, n_rows // ROWS_PER_LAG)
-    values = np.where(rows, residual, 0.0)
-    target = values[rows]
-    # 1 + q^-lag less the residual itself leaves the lagged one, zero where a run of rows begins.
-    lagged = [
-        filtered(values, rows, np.eye(lag + 1)[0] + np.eye(lag + 1)[lag]) - target
-        for lag in range(1, largest + 1)
-    ]
-    R: Floats = np.asarray(np.linalg.qr(np.column_stack([*lagged, target]), mode="r"))
+    past, target = _with_past(residual, rows, min(largest_order, int(rows.sum()) // ROWS_PER_LAG))
+    n_rows, largest = past.shape
+    R: Floats = np.asarray(np.linalg.qr(np.column_stack([past, target]), mode="r"))
     found, best = Noise(WHITE, float(np.mean(target**2)), 0.0), np.inf
     white = np.inf
     for order in range(largest + 1):
@@ -76,3 +71,19 @@ def noise_of(residual: Floats, rows: Mask, largest_order: int = LARGEST_ORDER) -
             coefficients = np.linalg.solve(R[:order, :order], R[:order, -1]) if order else np.empty(0)
             found = Noise(np.concatenate([[1.0], -coefficients]), variance, white - criterion)
     return found
+
+
+def _with_past(residual: Floats, rows: Mask, largest: int) -> tuple[Floats, Floats]:
+    """Return lagged rows, shape (n_rows, largest), and the rows that have as long a past.
+
+    A row without one would be foreseen from zeros: of noise with a long memory it has the size of the noise,
+    and few of them would count more than all innovations.
+    """
+    index = np.flatnonzero(rows)
+    breaks = np.flatnonzero(np.diff(index, prepend=index[:1] - 2) != 1)
+    position = np.arange(index.size) - np.repeat(breaks, np.diff(np.append(breaks, index.size)))
+    while largest and np.sum(position >= largest) < LEAST_WITH_PAST * index.size:
+        largest //= 2
+    kept = index[position >= largest]
+    lags = np.arange(1, largest + 1)
+    return residual[kept[:, np.newaxis] - lags], residual[kept]

@@ -2,19 +2,16 @@
 
 from collections.abc import Iterator
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sysid.diagnosis.effects.base import Effect, Floats, Form
 from sysid.diagnosis.physics_free_run import runs
-from sysid.diagnosis.physics_problem import Problem
+from sysid.diagnosis.physics_problem import Problem, problem_of
 from sysid.diagnosis.physics_search import DRY_PROBE, PROBE, problem_point, shape_values
+from sysid.diagnosis.physics_setting import Setting
 from sysid.diagnosis.structures import Choice, StructureFit
 from sysid.physics.forced import ForcedPlant
-
-if TYPE_CHECKING:
-    from sysid.diagnosis.physics_structure import PhysicsStructure
 
 # Share of the input at which the response to a small signal is measured.
 RIPPLE = 1e-3
@@ -24,7 +21,7 @@ EXTRA_LAGS = 8
 MOST_SHAPES = 24
 
 
-def directions(structure: "PhysicsStructure", fit: StructureFit, effect: Effect) -> list[Floats]:
+def directions(setting: Setting, fit: StructureFit, effect: Effect) -> list[Floats]:
     """Return how an effect, added to a fit, would change its free run, at a grid of its shapes.
 
     Each of shape (n_samples, n_columns): one column for each strength, or the change itself.
@@ -36,16 +33,14 @@ def directions(structure: "PhysicsStructure", fit: StructureFit, effect: Effect)
         strengths = [j for j, p in enumerate(form.parameters) if p.is_strength]
         if len(form.shapes) > 1 and not strengths and len(effect.forms) > 1:
             continue  # the symmetric form stands for the two-sided one
-        found += _of_form(structure, fit, Choice(effect, form), strengths)
+        found += _of_form(setting, fit, Choice(effect, form), strengths)
     return found
 
 
-def _of_form(
-    structure: "PhysicsStructure", fit: StructureFit, choice: Choice, strengths: list[int]
-) -> list[Floats]:
+def _of_form(setting: Setting, fit: StructureFit, choice: Choice, strengths: list[int]) -> list[Floats]:
     """Return the directions of one form."""
-    before = structure.problem_of(fit)
-    problem = structure.problem_of(fit, (*fit.choices, choice))
+    before = problem_of(setting, fit)
+    problem = problem_of(setting, fit, (*fit.choices, choice))
     first = problem.effect_places[-1].start
     start = problem_point(problem, before, fit.point)
     shapes = _thinned(list(product(*shape_values(problem, len(fit.choices)))), choice.form)
@@ -82,14 +77,14 @@ def _thinned(shapes: list[tuple[float, ...]], form: Form) -> list[tuple[float, .
     return shapes[::step]
 
 
-def probes(structure: "PhysicsStructure", fit: StructureFit) -> Floats:
+def probes(setting: Setting, fit: StructureFit) -> Floats:
     """Return directions in which an effect that is not in any list would show.
 
     Functions of input, position, speed and time, added to the output, to the input of the model with its
     effects and, where the model has a moving body, to the force on it; and lags of the input.
     """
-    problem = structure.problem_of(fit)
-    record, plant = structure.record, structure.plant
+    problem = problem_of(setting, fit)
+    record, plant = setting.record, setting.plant
     numbers = {part.start: number for number, part in enumerate(problem.parts)}
     found = []
     for part in record.slices:
@@ -115,8 +110,7 @@ def _through(
 ) -> list[Floats]:
     """Return the responses to signals at the input and at the port of forces."""
     setting, plant = problem.setting, problem.setting.plant
-    values = setting.known.copy()
-    values[setting.places] = setting.to_values(point[: problem.n_model])
+    values = setting.values_of(point)
     moved = problem.moved_by_input(*part, point, RIPPLE * setting.sizes["u"] * signals)
     found = [moved / (RIPPLE * setting.sizes["u"])]
     if isinstance(plant, ForcedPlant) and plant.port.velocity is not None:

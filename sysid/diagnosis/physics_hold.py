@@ -7,6 +7,8 @@ from sysid.data.record import Mask
 
 # A held input has power up to the Nyquist frequency: less than this share above this frequency is none.
 UPPER_FREQUENCY, UPPER_POWER = 0.8, 1e-4
+# The input counts as smooth between samples when that lowers the held-out error to this share at least.
+SMOOTHER = 0.7
 
 
 def band_limited(record: Record, rows: Mask) -> bool:

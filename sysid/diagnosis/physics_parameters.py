@@ -4,7 +4,7 @@ import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics_cells import read_cells
-from sysid.diagnosis.physics_problem import Problem
+from sysid.diagnosis.physics_problem import Problem, finite
 from sysid.diagnosis.structures import FittedParameter
 
 # Singular values below this share of the largest belong to directions that the output does not show,
@@ -40,7 +40,8 @@ def standard_errors(problem: Problem, point: Floats) -> Floats:
     -------
     ndarray, shape (n_unknowns,)
     """
-    J = problem.jacobian(point)
+    with np.errstate(all="ignore"):
+        J = finite(problem.jacobian(point))
     error = problem.residual(point)
     scale = np.linalg.norm(J, axis=0)
     lost = scale == 0.0

@@ -9,7 +9,8 @@ from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics_laws import INNER, coefficients, lower_bound, typical_size
 from sysid.diagnosis.physics_setting import LARGEST_LOGARITHM, Setting
-from sysid.diagnosis.structures import Choice, filtered
+from sysid.diagnosis.structures import WHITE, Choice, StructureFit, filtered
+from sysid.diagnosis.whitening import opening
 from sysid.physics.model import Parameter
 from sysid.separable.descent import Minimum, Residual, descend
 
@@ -206,7 +207,7 @@ class Problem:
     def _applied(self, effect: int, signal: Floats, parameters: Floats) -> Floats:
         apply = self.choices[effect].form.apply
         assert apply is not None
-        return apply(np.ascontiguousarray(signal), parameters, self.setting.record.period)
+        return apply(np.require(signal, requirements=["C", "W"]), parameters, self.setting.record.period)
 
     def errors(self, points: Floats, *, rounded: bool = True) -> Floats:
         """Return the filtered residual of several points, shape (lanes, n_rows)."""
@@ -219,6 +220,9 @@ class Problem:
                     out[:, run.start + lag : run.stop] += (
                         self.noise[lag] * outputs[:, run.start : run.stop - lag]
                     )
+                count = min(self.noise.size - 1, run.stop - run.start)
+                first = slice(run.start, run.start + count)
+                out[:, first] = outputs[:, first] @ opening(self.noise)[:count, :count].T
         return np.asarray(out - self.target)
 
     def residual(self, point: Floats) -> Floats:
@@ -247,22 +251,60 @@ class Problem:
         """Return the derivative of the residual by difference quotients; zero for what is held."""
         columns = np.flatnonzero(~self.held)
         points, moved = self.shifted(point, columns.tolist())
-        errors = self.errors(points, rounded=False)
+        return self._quotients(self.errors(points, rounded=False), moved)
+
+    def _quotients(self, errors: Floats, moved: Floats) -> Floats:
         J = np.zeros((errors.shape[1], self.size))
-        J[:, columns] = ((errors[1:] - errors[0]) / moved[:, np.newaxis]).T
+        J[:, ~self.held] = ((errors[1:] - errors[0]) / moved[:, np.newaxis]).T
         return J
+
+    def with_derivative(self, point: Floats) -> tuple[Floats, Floats]:
+        """Return residual and Jacobian from runs side by side, which take little longer than one alone."""
+        points, moved = self.shifted(point, np.flatnonzero(~self.held).tolist())
+        errors = self.errors(points)
+        return errors[0], self._quotients(errors, moved)
+
+    @cached_property
+    def jumps(self) -> bool:
+        """Whether a sensor jumps, so that derivatives are taken without it."""
+        forms = [choice.form for choice in self.choices if choice.effect.port == "output"]
+        return any(not form.smooth and form.slope == "identity" for form in forms)
 
     def descend(self, point: Floats, evaluations: int, tolerance: float) -> Minimum[Residual]:
         """Search on by Levenberg and Marquardt's method until the cost falls by a negligible share."""
         lower, upper = self.bounds
         with np.errstate(all="ignore"):
             return descend(
-                lambda x: Residual(self.residual(x), lambda: finite(self.jacobian(x))),
+                _Evaluation(self),
                 np.clip(point, lower, upper),
                 bounds=(lower, upper),
                 negligible=tolerance,
                 max_evaluations=evaluations,
             )
+
+
+def problem_of(setting: Setting, fit: StructureFit, choices: Sequence[Choice] | None = None) -> Problem:
+    """Return the problem of a fit, or of the same rows with other effects."""
+    return Problem(setting, fit.choices if choices is None else choices, fit.rows, WHITE, COARSE_STEP)
+
+
+class _Evaluation:
+    """Residuals of a problem, with the Jacobian at once as long as the search takes its steps."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self._derivative_is_wanted = True
+
+    def __call__(self, point: Floats) -> Residual:
+        if self._problem.jumps or not self._derivative_is_wanted:
+            return Residual(self._problem.residual(point), lambda: self._asked(self._problem.jacobian(point)))
+        self._derivative_is_wanted = False
+        residual, J = self._problem.with_derivative(point)
+        return Residual(residual, lambda: self._asked(J))
+
+    def _asked(self, J: Floats) -> Floats:
+        self._derivative_is_wanted = True
+        return finite(J)
 
 
 def finite(J: Floats) -> Floats:

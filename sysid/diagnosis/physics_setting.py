@@ -79,6 +79,12 @@ class Setting:
         """Search coordinates of the start values."""
         return self.to_coordinates(self.known[self.places])
 
+    def values_of(self, point: Floats) -> Floats:
+        """Return all parameters of the model at a point, which begins with the searched ones."""
+        values = self.known.copy()
+        values[self.places] = self.to_values(point[: len(self.searched)])
+        return values
+
     def to_coordinates(self, values: Floats) -> Floats:
         """Return logarithms of positive parameters."""
         return np.where(self.positive, np.log(np.where(self.positive, values, 1.0)), values)

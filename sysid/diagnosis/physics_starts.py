@@ -91,8 +91,7 @@ def _log_response(setting: Setting, x: Floats, frequencies: Floats) -> Floats:
     """Return the logarithm of the model's gain from each input, shape (n_inputs, n_frequencies)."""
     plant = setting.plant
     assert isinstance(plant, ForcedPlant)
-    values = setting.known.copy()
-    values[setting.places] = setting.to_values(x)
+    values = setting.values_of(x)
     plants, by_input, direct = plant.coefficients(values[np.newaxis], NO_LAW[np.newaxis])
     n = plant.order
     matrix = plants[0, fk.A : fk.A + 16].reshape(4, 4)[:n, :n]

@@ -20,12 +20,13 @@ from sysid.diagnosis.physics_descents import (
     ends_beside,
     nearly_agree,
 )
+from sysid.diagnosis.physics_directions import directions, probes
 from sysid.diagnosis.physics_free_run import free_run, runs
-from sysid.diagnosis.physics_hold import band_limited
+from sysid.diagnosis.physics_hold import SMOOTHER, band_limited
 from sysid.diagnosis.physics_laws import SMOOTH_LAWS, SWITCHES, has_law, with_level
 from sysid.diagnosis.physics_parameters import named_parameters, standard_errors
 from sysid.diagnosis.physics_points import moved
-from sysid.diagnosis.physics_problem import COARSE_STEP, FINE_STEP, Problem
+from sysid.diagnosis.physics_problem import COARSE_STEP, FINE_STEP, Problem, problem_of
 from sysid.diagnosis.physics_search import Tangent, problem_point, refined
 from sysid.diagnosis.physics_setting import Plant, setting_of
 from sysid.diagnosis.physics_starts import wide_starts
@@ -41,8 +42,6 @@ SEARCH_ROWS = 2_500
 RESTARTS, MORE_RESTARTS = 4, 16
 SPREAD = 0.25
 SEED = 7
-# The input counts as smooth between samples when that lowers the error to this share at least.
-SMOOTHER = 0.7
 GAIN_ROWS, SAME_DIRECTION = 1_000, 1e-4
 DIVERGES = "it diverges"
 
@@ -266,22 +265,16 @@ class PhysicsStructure:
             status=minimum.status.value,
         )
 
-    def problem_of(self, fit: StructureFit, choices: Sequence[Choice] | None = None) -> Problem:
-        """Return the problem of a fit, or of the same rows with other effects."""
-        return self._problem(fit.choices if choices is None else choices, fit.rows, WHITE, COARSE_STEP)
-
     def tangent(self, fit: StructureFit) -> Floats:
         """Return the derivative of the free run by all parameters, shape (n_samples, n_parameters)."""
-        problem = self.problem_of(fit)
+        problem = problem_of(self.setting, fit)
         points, steps = problem.shifted(fit.point, range(problem.size))
         outputs = runs(problem, points)
         return np.asarray(((outputs[1:] - outputs[0]) / steps[:, np.newaxis]).T)
 
     def directions(self, fit: StructureFit, effect: Effect) -> list[Floats]:
         """Return how an effect, added to a fit, would change its free run."""
-        from sysid.diagnosis.physics_directions import directions
-
-        return directions(self, fit, effect)
+        return directions(self.setting, fit, effect)
 
     def finish(self, fit: StructureFit, noise: Floats) -> StructureFit:
         """Return a fit with standard errors of its parameters filled in."""
@@ -291,9 +284,7 @@ class PhysicsStructure:
 
     def probes(self, fit: StructureFit) -> Floats:
         """Return directions in which an effect that is not in any list would show."""
-        from sysid.diagnosis.physics_directions import probes
-
-        return probes(self, fit)
+        return probes(self.setting, fit)
 
     def equation(self, fit: StructureFit) -> str:
         """Return the model's equation with its effects, for a reader."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sysid.data import Record
 from sysid.data.record import Mask
-from sysid.diagnosis.models import ParameterValue
+from sysid.diagnosis.fitted_model import ParameterValue
 from sysid.diagnosis.scores import finite
 from sysid.errors import DataError, ModelError, SysidError, UsageError
 from sysid.lft.alternating import fit_alternating
@@ -50,6 +50,11 @@ class PiecewiseJudged:
     def model(self) -> PiecewiseLft:
         """The final model."""
         return self.fit.model
+
+    @property
+    def validation_error(self) -> float:
+        """One-step error on validation rows of the chosen number of modes."""
+        return min(error for _, error in self.tried)
 
     @property
     def title(self) -> str:
@@ -202,8 +207,7 @@ def fit_piecewise_structure(
     if len(record.inputs) != 1 or len(record.outputs) != 1:
         raise DataError(
             f"the record has {len(record.inputs)} inputs and {len(record.outputs)} outputs: a piecewise "
-            f"affine "
-            "model takes one of each, choose them by --input and --output"
+            "affine model takes one of each, choose them by --input and --output"
         )
     structure = _structure(record, options)
     require_identifiable(structure)
@@ -295,8 +299,7 @@ def _segments(record: Record, chosen: Mask, structure: PiecewiseStructure) -> Se
     if not inputs:
         raise DataError(
             f"no stretch of estimation rows is longer than the {structure.first} samples the model looks "
-            f"back: "
-            "give a longer record or shorter lags"
+            "back: give a longer record or shorter lags"
         )
     return inputs, outputs
 

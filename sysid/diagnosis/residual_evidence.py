@@ -41,6 +41,9 @@ class Evidence:
         Largest chance of taking white noise for noise with a memory.
     n_given : int
         Effects that are in the model whatever the evidence.
+    smooth : bool
+        Whether the record is long and its rows follow a motion far slower than they are.  Then next to
+        everything is significant, for no model is exact to the last micrometre: an effect must matter, too.
     """
 
     structure: Structure
@@ -48,6 +51,7 @@ class Evidence:
     held_out: Mask
     alpha: float
     n_given: int = 0
+    smooth: bool = False
 
     def left(self, baseline: StructureFit, final: StructureFit, rows: Mask) -> tuple[float, float, float]:
         """Return whether anything is left to explain, what share of the explainable it is, and the floor."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from sysid.data import Record
 from sysid.data.record import ESTIMATION_LABELS, Mask
-from sysid.diagnosis.models import FittedModel
+from sysid.diagnosis.fitted_model import FittedModel
 from sysid.diagnosis.scores import SetScore, nrmse_interval, score
 
 if TYPE_CHECKING:

@@ -9,6 +9,7 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, Floats, Form
+from sysid.diagnosis.whitening import opening
 
 # D(q) of noise without a memory: what is fitted is the plain free-run error.
 WHITE = np.ones(1)
@@ -106,7 +107,7 @@ class Structure(Protocol):
 
     ``noise`` is the polynomial D(q) of an autoregression, leading 1 included: a fit minimises the sum
     of squares of D(q) (y - output) on its rows; `WHITE` gives the plain free-run error.
-    Runs of rows that do not touch are filtered each for itself, from zero (see `filtered`).
+    Runs of rows that do not touch are filtered each for itself (see `filtered`).
 
     A structure must be deterministic: the same arguments give the same bits.
     """
@@ -173,7 +174,7 @@ class Structure(Protocol):
 
 
 def filtered(columns: Floats, rows: Mask, noise: Floats) -> Floats:
-    """Filter the chosen rows by D(q), each run of rows that follow one another from zero.
+    """Filter the chosen rows by D(q), each run of rows that follow one another for itself.
 
     Parameters
     ----------
@@ -185,27 +186,25 @@ def filtered(columns: Floats, rows: Mask, noise: Floats) -> Floats:
     Returns
     -------
     ndarray, shape (n_rows,) or (n_rows, n_columns)
+        The first rows of each run have the weights of `opening`.
 
     Examples
     --------
     >>> import numpy as np
-    >>> filtered(np.array([1.0, 2.0, 3.0]), np.array([True, True, True]), np.array([1.0, -1.0]))
-    array([1., 1., 1.])
+    >>> filtered(np.array([1.0, 2.0, 3.0]), np.array([True, True, True]), np.array([1.0, -0.6]))
+    array([0.8, 1.4, 1.8])
     """
     chosen = columns[rows]
     if noise.size == 1:
         return chosen
     index = np.flatnonzero(rows)
-    # Position of each row within its run.
+    # Where each run begins.
     breaks = np.flatnonzero(np.diff(index, prepend=index[:1] - 2) != 1)
-    if breaks.size == 1:
-        single = chosen.copy()
-        for lag in range(1, noise.size):
-            single[lag:] += noise[lag] * chosen[:-lag]
-        return single
-    position = np.arange(index.size) - np.repeat(breaks, np.diff(np.append(breaks, index.size)))
-    out = chosen.copy()
+    out, first = chosen.copy(), opening(noise)
     for lag in range(1, noise.size):
-        whole = position >= lag
-        out[whole] += noise[lag] * chosen[np.flatnonzero(whole) - lag]
+        out[lag:] += noise[lag] * chosen[:-lag]
+    for start, end in zip(breaks.tolist(), [*breaks[1:].tolist(), index.size], strict=True):
+        rows_without_past = min(noise.size - 1, end - start)
+        W = first[:rows_without_past, :rows_without_past]
+        out[start : start + rows_without_past] = W @ chosen[start : start + rows_without_past]
     return out

@@ -1,5 +1,6 @@
 """A comparison in words and in plain values."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +19,8 @@ NEGLIGIBLE = 0.05
 # A static map is named in the summary if it removes at least this share of the error.
 WORTH_TELLING = 0.1
 SMALLEST_FLOOR = 1e-4
+# Name of the test between residual and input; with several inputs, their names follow.
+INPUT_RESIDUAL = "input_residual"
 NOWHERE = "the error is spread over time, levels, velocities and frequencies as chance would spread it"
 
 
@@ -51,11 +54,25 @@ def sentences(comparison: "Comparison") -> list[str]:
 
 def linear_test_sentences(comparison: "Comparison") -> list[str]:
     """Return what whiteness and cross-correlation say."""
-    return [
-        _test_sentence(name, test, comparison.judged)
-        for name, test in comparison.tests.items()
-        if name.startswith(("whiteness", "input_residual"))
-    ]
+    judged, inputs = comparison.judged, comparison.record.inputs
+    tests = {name: t for name, t in comparison.tests.items() if name.startswith(INPUT_RESIDUAL)}
+    followed = [_follows_sentence(name, test, judged) for name, test in tests.items() if not test.passed]
+    free = [place for place, test in enumerate(tests.values()) if test.passed]
+    if free:
+        named = "the input" if len(inputs) == 1 else _listed([repr(inputs[place]) for place in free])
+        followed.append(f"No linear trace of {named} is left in the residual on {judged}.")
+    return [_whiteness_sentence(comparison.tests["whiteness"], judged), *followed]
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Join names as a sentence does.
+
+    Examples
+    --------
+    >>> _listed(["a", "b", "c"])
+    'a, b or c'
+    """
+    return " or ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
 
 
 def nonlinear_tests_of(comparison: "Comparison") -> dict[str, CorrelationTest]:
@@ -63,7 +80,7 @@ def nonlinear_tests_of(comparison: "Comparison") -> dict[str, CorrelationTest]:
     return {
         name: test
         for name, test in comparison.tests.items()
-        if not name.startswith(("whiteness", "input_residual"))
+        if not name.startswith(("whiteness", INPUT_RESIDUAL))
     }
 
 
@@ -138,20 +155,21 @@ def error_size(judged: SetScore) -> str:
     return f"{quantity(free.rmse, judged.unit)} RMSE{share}"
 
 
-def _test_sentence(name: str, test: CorrelationTest, judged: str) -> str:
-    if name == "whiteness":
-        if test.passed:
-            return f"The free-run residual on {judged} is white: its past does not tell its future."
-        return (
-            f"The free-run residual on {judged} is not white ({test.outside} of {test.lags.size} lags "
-            "outside their 99 % band): it holds coloured noise or dynamics that the model lacks."
-        )
+def _whiteness_sentence(test: CorrelationTest, judged: str) -> str:
     if test.passed:
-        return f"No linear trace of the input is left in the residual on {judged}."
+        return f"The free-run residual on {judged} is white: its past does not tell its future."
+    return (
+        f"The free-run residual on {judged} is not white ({test.outside} of {test.lags.size} lags "
+        "outside their 99 % band): it holds coloured noise or dynamics that the model lacks."
+    )
+
+
+def _follows_sentence(name: str, test: CorrelationTest, judged: str) -> str:
+    named = name.removeprefix(INPUT_RESIDUAL).removeprefix("_")
     worst = int(test.lags[np.argmax(np.abs(test.correlation) / test.band)])
     return (
-        f"The residual on {judged} still follows the input linearly (largest at lag {worst}; "
-        f"{test.outside} of {test.lags.size} lags outside their 99 % band)."
+        f"The residual on {judged} still follows {repr(named) if named else 'the input'} linearly "
+        f"(largest at lag {worst}; {test.outside} of {test.lags.size} lags outside their 99 % band)."
     )
 
 

@@ -60,9 +60,24 @@ class Trials:
         # A family whose fits are cheap may ask for more of them than the screen would let through.
         count: int = getattr(self.evidence.structure, "screened", SCREENED)
         count = min(count, most) if further else count
-        trials = self.ranked(current, ranking[:count], colour)
-        left = [Trial(e.name, None, WHITE_NOISE, np.inf, -np.inf) for e in ranking[count:]]
+        chosen = [e for i, e in enumerate(ranking) if i < count or self._without_slope(e, current)]
+        trials = self.ranked(current, chosen, colour)
+        left = [Trial(e.name, None, WHITE_NOISE, np.inf, -np.inf) for e in ranking if e not in chosen]
         return self._judged(current, [*trials, *left], screen, colour)
+
+    def _without_slope(self, effect: Effect, current: StructureFit) -> bool:
+        """Tell whether a score says nothing of an effect that the measured output allows.
+
+        A map without parameters, such as a rectifier, cannot be small: where it folds the signal over, the
+        model without it follows nothing, and the slope there is blind.
+        """
+        left = self.evidence.cost(current, WHITE_NOISE)
+        y = self.evidence.structure.record.y[self.evidence.rows, 0]
+        return any(
+            not form.parameters and float(np.sum(np.minimum(y - form.lowest, 0.0) ** 2)) < left
+            for form in effect.forms
+            if np.isfinite(form.lowest)
+        )
 
     def ranked(self, current: StructureFit, candidates: Sequence[Effect], noise: Noise) -> list[Trial]:
         """Fit the candidates, the better ones with more care; return them best first."""
@@ -145,14 +160,12 @@ class Trials:
                 continue
             ratio = (base - evidence.cost(trial.fit, colour)) / variance
             by_fit = screen.fitted_p_value(ratio, trial.fit.n_parameters - current.n_parameters)
-            own = evidence.noise(trial.fit)
             found.append(
                 replace(
                     trial,
-                    noise=own,
+                    noise=evidence.noise(trial.fit),
                     p_value=min(screen.p_value(statistic), by_fit),
                     validation=evidence.held_out_error(trial.fit, WHITE),
-                    innovation=evidence.held_out_error(trial.fit, own.polynomial),
                 )
             )
         return tuple(found)

@@ -14,6 +14,8 @@ SUSPECT_P_VALUE = 3e-3
 LEFT_SHARE, SUSPECT_SHARE = 0.01, 0.004
 # Of two effects or more, each true, nothing is left; two that only together resemble a third leave a trace.
 COMPOSED_SHARE = 0.001
+# Where everything is significant, effects explain a record unless they leave more than they explain.
+MOST_LEFT = 0.5
 # Effects stay accepted beside something unexplained if they leave at most this share of the explainable.
 LEAST_EXPLAINED = 0.9
 
@@ -70,8 +72,10 @@ class Judge:
         if composed:
             rows = evidence.structure.record.learning
             chance, share = SUSPECT_P_VALUE, COMPOSED_SHARE
+        if fits and evidence.smooth:
+            share = MOST_LEFT
         left_p, left_share, floor = evidence.left(baseline, final, rows)
-        stands_in = composed and MODE in final.names and not rings(final)
+        stands_in = composed and not evidence.smooth and MODE in final.names and not rings(final)
         if stands_in or (left_p < chance and left_share > share):
             useful = explains_most(left_share)
             rungs = tuple(fits if useful else fits[: len(self.given)])

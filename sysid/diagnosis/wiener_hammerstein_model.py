@@ -9,12 +9,10 @@ import numpy as np
 
 from sysid.data import Record
 from sysid.diagnosis.adapters import Refitted
-from sysid.diagnosis.content import NORMAL_95
-from sysid.diagnosis.figures_blocks import BlockResponse
-from sysid.diagnosis.lft_model import DENSITY_CELLS, GRID, INNER, FittedMap
-from sysid.diagnosis.models import WIENER_HAMMERSTEIN, ParameterValue
+from sysid.diagnosis.fitted_map import GRID, INNER, FittedMap, density_on, inner_range
+from sysid.diagnosis.fitted_model import WIENER_HAMMERSTEIN, BlockResponse, ParameterValue
 from sysid.diagnosis.scores import finite
-from sysid.diagnosis.wording import percent, significant
+from sysid.diagnosis.wording import NORMAL_95, percent, significant
 from sysid.lft.wiener_hammerstein_choice import WienerHammersteinChoice, choose_wiener_hammerstein
 from sysid.lft.wiener_hammerstein_files import to_json
 from sysid.lft.wiener_hammerstein_fit import WienerHammersteinFit
@@ -54,13 +52,14 @@ class WienerHammersteinJudged(Refitted):
     def title(self) -> str:
         """Heading."""
         n1, n2 = self.fit.orders
+        if self.name != WIENER_HAMMERSTEIN:
+            return f"{self.name.capitalize()} model of order {n1 + n2}"
         return f"Wiener-Hammerstein model of orders {n1} and {n2}"
 
     @property
     def subject(self) -> str:
         """Start of a sentence."""
-        n1, n2 = self.fit.orders
-        return f"A Wiener-Hammerstein model of orders {n1} and {n2}"
+        return f"A {self.title}"
 
     @property
     def period(self) -> float:
@@ -158,18 +157,14 @@ class WienerHammersteinJudged(Refitted):
         fit = self.fit
         grid = np.linspace(*fit.range, GRID)
         centre, error = fit.map_band(grid)
-        counts, edges = np.histogram(self.z, bins=DENSITY_CELLS, range=fit.range)
-        cell = np.clip(np.searchsorted(edges, grid, side="right") - 1, 0, DENSITY_CELLS - 1)
-        density = counts[cell] / (max(self.z.size, 1) * np.diff(edges)[cell])
+        density = density_on(grid, self.z)
         beyond = _beyond_line(grid, density)
         bend, deviation = beyond @ centre, fit.standard_errors(lambda model: beyond @ model.map(grid))
         inside = fit.map.knots[(fit.map.knots >= grid[0]) & (fit.map.knots <= grid[-1])]
         return FittedMap(
-            heading="Static map of the model, with its 95 % band and the data it rests on",
             sentence=self._looks(grid, error),
             quantity="z",
             unit=self.units.get(fit.inputs[0], ""),
-            result="w",
             result_unit=self.units.get(fit.outputs[0], ""),
             value=grid,
             centre=centre,
@@ -178,13 +173,12 @@ class WienerHammersteinJudged(Refitted):
             density=density,
             knots=inside,
             bend=bend,
-            bend_lower=bend - NORMAL_95 * deviation,
-            bend_upper=bend + NORMAL_95 * deviation,
+            bend_deviation=deviation,
         )
 
     def _looks(self, grid: Floats, error: Floats) -> str:
         """Say in one sentence what the map looks like where the data are."""
-        low, high = np.quantile(self.z, [0.5 - INNER / 2, 0.5 + INNER / 2])
+        low, high = inner_range(self.z)
         inner = (grid >= low) & (grid <= high)
         slope = self.fit.map.slope(grid[inner])
         shape = "rises throughout" if np.all(slope >= 0.0) else "falls throughout"
@@ -248,4 +242,10 @@ def fit_wiener_hammerstein_structure(
     """
     choice = choose_wiener_hammerstein(record, initial_state=initial_state, progress=progress, **options)
     runs = [choice.fit.model.map_input(record.u[part, 0])[record.learning[part]] for part in record.slices]
-    return WienerHammersteinJudged(choice, dict(record.units), np.concatenate(runs), initial_state)
+    return WienerHammersteinJudged(
+        choice,
+        dict(record.units),
+        np.concatenate(runs),
+        initial_state,
+        name=str(options.get("shape", WIENER_HAMMERSTEIN)),
+    )

@@ -2,6 +2,8 @@
 
 from math import floor, isfinite, log10
 
+# 97.5 % quantile of the normal distribution.
+NORMAL_95 = 1.959963984540054
 PREFIXED_UNITS = ("m", "V", "A", "N", "W", "s", "Pa", "Hz", "J")
 PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M"}
 
@@ -75,3 +77,17 @@ ORDINALS = (
 def ordinal(number: int) -> str:
     """Write an order as a word: second, third, 12th."""
     return ORDINALS[number] if number < len(ORDINALS) else f"{number}th"
+
+
+def interval_text(value: float, std_error: float | None) -> str:
+    """Return the 95 % interval of a parameter, or a dash.
+
+    Examples
+    --------
+    >>> interval_text(0.4, 0.01), interval_text(1.0, None)
+    ('0.3804 to 0.4196', '–')
+    """
+    if std_error is None or not isfinite(std_error):
+        return "–"
+    half = NORMAL_95 * std_error
+    return f"{value - half:.4g} to {value + half:.4g}"

@@ -1,9 +1,7 @@
 """The prediction-error estimate of an LFT model by separable least squares."""
 
-from contextlib import AbstractContextManager
 from dataclasses import replace
-from functools import cache
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,12 +13,10 @@ from sysid.lft.model import LftFit
 from sysid.lft.problem import LftProblem, to_bsplines
 from sysid.lft.signals import Data, Signals, signals_of, usable_rows
 from sysid.lft.structure import LftStructure, lag_name
+from sysid.lft.threads import one_thread
 from sysid.nonlinearities.spline import Spline
 from sysid.separable import SeparableFit, fit, project
 from sysid.separable.factor import RANK_TOLERANCE, triangle
-
-if TYPE_CHECKING:
-    from threadpoolctl import ThreadpoolController
 
 Floats = NDArray[np.float64]
 Jacobian = Literal["exact", "kaufman"]
@@ -120,19 +116,6 @@ def fit_lft(
         model = _model(signals, best, search, agree, starts)
     reference = model.d * _rise(model) if start is None else begin[0][0]
     return model.oriented(reference)
-
-
-def one_thread() -> AbstractContextManager[object]:
-    """Hold linear algebra to one thread; its libraries are looked for once, which takes milliseconds."""
-    limit: AbstractContextManager[object] = _controller().limit(limits=1)
-    return limit
-
-
-@cache
-def _controller() -> "ThreadpoolController":
-    from threadpoolctl import ThreadpoolController
-
-    return ThreadpoolController()
 
 
 def first_start(problem: LftProblem) -> tuple[Floats, Floats]:

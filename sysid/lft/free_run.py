@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Mask
 from sysid.errors import DataError, IdentifiabilityError, ModelError, UsageError
-from sysid.lft.estimate import one_thread
 from sysid.lft.model import LftFit
 from sysid.lft.sensitivities import run_with_sensitivities
 from sysid.lft.signals import Data, Indices, Signals, signals_of
+from sysid.lft.threads import one_thread
 from sysid.nonlinearities.spline import EXTRAPOLATIONS, Spline
 from sysid.separable import Residual, descend
 

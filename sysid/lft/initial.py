@@ -10,6 +10,7 @@ from sysid.errors import IdentifiabilityError
 from sysid.lft.problem import LftProblem
 from sysid.lft.signals import Data, signals_of, usable_rows
 from sysid.lft.structure import LftStructure
+from sysid.lft.threads import on_one_thread
 from sysid.nonlinearities.spline import Spline, equal_knots
 
 Floats = NDArray[np.float64]
@@ -49,6 +50,7 @@ class InitialEstimate:
     g: Floats
 
 
+@on_one_thread
 def initial_estimate(
     data: Data, structure: LftStructure, *, rows: Mask | None = None, centred: bool = False
 ) -> InitialEstimate:

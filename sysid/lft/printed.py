@@ -16,6 +16,7 @@ from sysid.lft.estimate import Start, first_start, given_start
 from sysid.lft.problem import LftProblem
 from sysid.lft.signals import Data, signals_of, usable_rows
 from sysid.lft.structure import LftStructure
+from sysid.lft.threads import on_one_thread
 from sysid.separable import kaufman_jacobian, project
 
 Floats = NDArray[np.float64]
@@ -51,12 +52,8 @@ class PrintedSearch:
         """Cost after each step over that before it; the printed test stops at the first one below rho."""
         return self.costs[1:] / self.costs[:-1]
 
-    @property
-    def n_uphill(self) -> int:
-        """Steps that raised the cost and were kept."""
-        return int(np.sum(np.diff(self.costs) > 0.0))
 
-
+@on_one_thread
 def printed_search(
     data: Data,
     structure: LftStructure,

@@ -10,6 +10,7 @@ from sysid.lft.estimate import Start, first_start, given_start
 from sysid.lft.problem import LftProblem
 from sysid.lft.signals import Data, signals_of, usable_rows
 from sysid.lft.structure import LftStructure
+from sysid.lft.threads import on_one_thread
 from sysid.nonlinearities.spline import absolute_power_basis, equal_knots, spline_basis
 from sysid.separable import (
     Minimum,
@@ -58,6 +59,7 @@ class ProblemComparison:
     condition_joint: float
 
 
+@on_one_thread
 def compare_problems(
     data: Data,
     structure: LftStructure,

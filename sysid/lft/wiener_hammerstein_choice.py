@@ -2,12 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from sysid.data import Record
 from sysid.data.record import Mask, check_record
-from sysid.errors import DataError, SysidError
+from sysid.errors import DataError, SysidError, UsageError
 from sysid.lft.wiener_hammerstein import (
     Multistart,
     check_enough,
@@ -21,12 +22,14 @@ from sysid.lft.wiener_hammerstein_model import WienerHammerstein
 from sysid.lft.wiener_hammerstein_search import COARSE_STEP, LEADING_ROWS, Found, Screening, refine, search
 from sysid.lft.wiener_hammerstein_start import run_from
 from sysid.linear.forms import Floats
-from sysid.linear.output_error import make_segments, shortened
+from sysid.linear.output_error import make_segments
+from sysid.linear.restarts import shortened
 from sysid.linear.selection import PRACTICAL_SHARE, VALIDATION_BLOCKS, standard_error
 from sysid.linear.simulation import first_rows
 from sysid.nonlinearities.spline import Extrapolation
 
-LARGEST_EQUAL_ORDER = 4
+SHAPES = ("wiener-hammerstein", "wiener", "hammerstein")
+LARGEST_EQUAL_ORDER, LARGEST_ORDER_ALONE = 4, 6
 # Structures are compared with a map of so many intervals, which then are chosen in turn.
 COMPARED_INTERVALS = 24
 INTERVALS = (10, 20, 40, 80)
@@ -93,6 +96,7 @@ def choose_wiener_hammerstein(
     orders: tuple[int, int] | None = None,
     knots: int | None = None,
     oversampling: int | None = None,
+    shape: str = "wiener-hammerstein",
     delay: int = 0,
     degree: int = 3,
     extrapolation: Extrapolation = "linear",
@@ -113,6 +117,8 @@ def choose_wiener_hammerstein(
     orders, knots, oversampling
         Fixed if given; otherwise orders up to 5, 10 to 80 intervals and a map at or between samples are
         tried.
+    shape : {"wiener-hammerstein", "wiener", "hammerstein"}
+        Whether both blocks may have poles, only the front one, or only the back one.
     delay, degree, extrapolation, initial_state
         See `fit_wiener_hammerstein`.
     rows : ndarray of bool, shape (n_samples,), optional
@@ -134,10 +140,13 @@ def choose_wiener_hammerstein(
         raise DataError(
             "the record has no validation rows to choose a structure by: give orders, knots and oversampling"
         )
+    if shape not in SHAPES:
+        raise UsageError(f"shape is {shape!r}: choose one of {', '.join(SHAPES)}")
     compared = COMPARED_INTERVALS if knots is None else checked_intervals(knots)
     search_ = Multistart(make_segments(record, record.estimation), form)
     chooser = _Chooser(record, search_, progress)
-    best = chooser.orders(compared) if orders is None else chooser.trial(checked_orders(orders), compared)
+    chosen_orders = chooser.orders if shape == "wiener-hammerstein" else partial(chooser.one_sided, shape)
+    best = chosen_orders(compared) if orders is None else chooser.trial(checked_orders(orders), compared)
     intervals = INTERVALS if knots is None else (compared,)
     accepted, minimum = chooser.maps(
         best, intervals, OVERSAMPLINGS if oversampling is None else (oversampling,)
@@ -179,6 +188,17 @@ class _Chooser:
         front, back = self._simplest(self.trials).candidate.orders
         near = [(front - 1, back), (front, back - 1), (front + 1, back), (front, back + 1)]
         self._tried([pair for pair in near if sum(pair) > 0], intervals)
+        return self._simplest(self.trials)
+
+    def one_sided(self, shape: str, intervals: int) -> _Trial:
+        """Try rising orders of the only block with poles."""
+        for n in range(1, LARGEST_ORDER_ALONE + 1):
+            before = min((t.candidate.validation_rms for t in self.trials), default=np.inf)
+            pair = (n, 0) if shape == "wiener" else (0, n)
+            self._tried([pair], intervals, final=n == LARGEST_ORDER_ALONE)
+            now = min((t.candidate.validation_rms for t in self.trials), default=np.inf)
+            if now > before * (1.0 - PRACTICAL_SHARE):
+                break
         return self._simplest(self.trials)
 
     def trial(self, orders: tuple[int, int], intervals: int) -> _Trial:

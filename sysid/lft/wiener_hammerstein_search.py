@@ -11,8 +11,8 @@ from sysid.lft.wiener_hammerstein_model import WienerHammerstein
 from sysid.lft.wiener_hammerstein_reduction import Point, Problem
 from sysid.lft.wiener_hammerstein_starts import with_knots
 from sysid.linear.forms import Floats
-from sysid.linear.output_error import shortened
 from sysid.linear.reduction import Segment
+from sysid.linear.restarts import shortened
 from sysid.separable.descent import Minimum, descend
 
 SCREENING_ROWS = 8_000

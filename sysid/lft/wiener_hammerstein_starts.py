@@ -15,8 +15,9 @@ from sysid.lft.linear_block import LinearBlock
 from sysid.lft.wiener_hammerstein_model import WienerHammerstein
 from sysid.lft.wiener_hammerstein_reduction import Point, Problem
 from sysid.linear.forms import Complexes, Floats
-from sysid.linear.output_error import best_search, coefficients, shortened
+from sysid.linear.output_error import coefficients
 from sysid.linear.reduction import Segment, Structure
+from sysid.linear.restarts import best_search, shortened
 from sysid.linear.simulation import simulate_polynomial
 from sysid.nonlinearities.spline import Spline, supported_knots
 from sysid.separable.factor import project

@@ -15,11 +15,11 @@ from sysid.linear.output_error import (
     OutputErrorFit,
     fit_output_error,
     make_segments,
-    shortened,
     whole_number,
 )
-from sysid.linear.reduction import Segment, Structure
+from sysid.linear.reduction import Reduction, Segment, Structure
 from sysid.linear.responses import responses
+from sysid.linear.restarts import same_error, same_output, shortened
 from sysid.linear.search import search_poles
 from sysid.linear.uncertainty import Uncertainty, parameter_uncertainty
 from sysid.nonlinearities import Nonlinearity, nonlinearity
@@ -39,9 +39,6 @@ REFINED_STARTS, MOST_STARTS = 3, 9
 EVALUATIONS, ROUNDS = 80, 6
 # Tolerances on a parameter as shares of its range, first for several places, then for the best.
 ROUGH, PRECISE = 1e-3, 1e-7
-# Ends agree when their errors differ by less than this share.
-AGREEMENT = 1e-3
-EXACT = 1e-20
 
 
 @dataclass(frozen=True)
@@ -232,9 +229,9 @@ def fit_hammerstein(
         )
         uncertainty = _uncertainty(segments, chosen, thresholds, fit)
     agreement = (
-        "searches from different parameters of the map agree"
+        "searches from different parameters of the map agree in error and output"
         if agree
-        else "searches from different parameters of the map end at different errors"
+        else "searches from different parameters of the map end at different errors or outputs"
     )
     return HammersteinFit(
         chosen,
@@ -292,10 +289,26 @@ class _Search:
             batch = ranked[first : first + REFINED_STARTS]
             ends += [self._refined(points[place], self.coarse, ROUGH) for place in batch]
             ends.sort(key=lambda end: end[0])
-            near = sum(end[0] <= ends[0][0] * (1.0 + AGREEMENT) ** 2 + EXACT for end in ends)
-            if near > 1:
+            if agree := self._agree(ends):
                 break
-        return self._refined(np.array(ends[0][1]), self.fine, PRECISE)[1], near > 1
+        return self._refined(np.array(ends[0][1]), self.fine, PRECISE)[1], agree
+
+    def _agree(self, ends: Sequence[tuple[float, tuple[float, ...]]]) -> bool:
+        """Tell whether a second search ended at the error and the output of the best one."""
+        cost, best = ends[0]
+        near = [thresholds for other, thresholds in ends[1:] if same_error(cost, other, 1.0)]
+        outputs = [self._output(thresholds) for thresholds in [best] * bool(near) + near]
+        return any(same_output(outputs[0], other, cost, 1.0) for other in outputs[1:])
+
+    def _output(self, thresholds: tuple[float, ...]) -> Floats:
+        """Return the output on the rows of the coarse search, relative to its size."""
+        behind = self._behind(thresholds, self.coarse)
+        reduction = Reduction(behind, self.structure, reflections_from_poles(self.poles[thresholds]))
+        return reduction.output(reduction.projection) / self.size
+
+    def _behind(self, thresholds: tuple[float, ...], segments: Sequence[Segment]) -> tuple[Segment, ...]:
+        """Return the rows with the output of the map as their input."""
+        return tuple(replace(s, u=self.kind(s.u[:, 0], *thresholds)[:, np.newaxis]) for s in segments)
 
     def _refined(
         self, point: Floats, segments: tuple[Segment, ...], tolerance: float
@@ -357,7 +370,7 @@ class _Search:
         """Return the sum of squared errors, relative to the output's size, of the best linear part."""
         thresholds = tuple(float(value) for value in thresholds)
         self.tried += 1
-        behind = tuple(replace(s, u=self.kind(s.u[:, 0], *thresholds)[:, np.newaxis]) for s in segments)
+        behind = self._behind(thresholds, segments)
         if all(np.ptp(s.u[s.used]) == 0.0 for s in behind):
             return float("inf")
         step, evaluations = (COARSE_STEP, COARSE_EVALUATIONS) if coarse else (FINE_STEP, FINE_EVALUATIONS)

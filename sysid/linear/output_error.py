@@ -17,24 +17,14 @@ from sysid.linear.forms import (
     poles_of,
     reflections_from_poles,
 )
-from sysid.linear.reduction import Reduction, Segment, Structure
-from sysid.linear.search import Search, search_poles
-from sysid.linear.starts import least_squares_poles, pole_grid, steiglitz_mcbride_poles
-from sysid.linear.subspace import Run, subspace_poles
+from sysid.linear.reduction import Segment, Structure
+from sysid.linear.restarts import COARSE_STEP, search_from_many
+from sysid.linear.search import search_poles
 from sysid.linear.uncertainty import Uncertainty, parameter_uncertainty
 
 INITIAL_STATES = ("estimate", "rest")
-# Searches run on at most this many rows, starts are ranked on fewer; the best goes on to the whole record.
-SCREENING_ROWS = 10_000
-RANKING_ROWS = 5_000
-SEARCHED_STARTS, MOST_STARTS = 4, 12
-FIRST_EVALUATIONS = 13
-LEADING = 2
 # A search stops when its next step is below this share of a standard error.
 FINE_STEP = 1e-3
-COARSE_STEP = 0.03
-# Two searches agree when their errors differ by less than this share.
-AGREEMENT = 1e-3
 MAXIMUM_ORDER = 40
 
 
@@ -68,7 +58,7 @@ class OutputErrorFit:
         Rows of the fit.
     converged : bool
     restarts_agree : bool
-        Whether at least two searches from different starts ended at the same error.
+        Whether at least two searches from different starts ended at the same error with the same output.
     status : str
         One sentence: how the search ended.
     reflections, weights : ndarray
@@ -190,12 +180,13 @@ def fit_output_error(
     step = FINE_STEP if precise else COARSE_STEP
     with threadpool_limits(1):  # blocks are small: further threads only wait for one another
         if start is None:
-            search, agree, tried = _search_all(segments, structure, extra_starts, step)
+            found = search_from_many(segments, structure, extra_starts, step)
+            search, agree, message = found.search, found.agreeing > 1, found.sentence
         else:
             search = search_poles(
                 segments, structure, reflections_from_poles(_checked_start(start, order)), step
             )
-            agree, tried = True, 1
+            agree, message = True, "refitted from one start"
         uncertainty = parameter_uncertainty(segments, structure, search, skip=not precise)
     a, b, constant_value = coefficients(
         structure, search.reflections, search.projection.shared, segments[0].u.shape[1]
@@ -215,7 +206,7 @@ def fit_output_error(
         n_rows=n_rows,
         converged=search.converged,
         restarts_agree=agree,
-        status=f"{search.message}; {_agreement(agree, tried)}",
+        status=f"{search.message}; {message}",
         reflections=search.reflections,
         weights=search.projection.shared,
     )
@@ -324,98 +315,3 @@ def _check_enough(structure: Structure, segments: tuple[Segment, ...], n_rows: i
             f"{n_rows} rows cannot determine {unknowns} unknowns (order {structure.order}, {len(segments)} "
             f"experiments): at least {2 * unknowns + structure.delay} rows are needed; lower the order"
         )
-
-
-def _search_all(
-    segments: tuple[Segment, ...], structure: Structure, extra: Sequence[Complexes], step: float
-) -> tuple[Search, bool, int]:
-    """Search from the best of all starts; return the best end, whether two agree, and how many ran.
-
-    Where no two agree, the next best starts are searched, down to a bound.
-    """
-    screening = shortened(segments, SCREENING_ROWS)
-    floor = 1e-20 * sum(float(s.y @ s.y) for s in screening)
-    ranked = _ranked_starts(shortened(segments, RANKING_ROWS), structure, extra)[:MOST_STARTS]
-    searches: list[Search] = []
-    leading: list[Search] = []
-    for first in range(0, len(ranked), SEARCHED_STARTS):
-        batch = ranked[first : first + SEARCHED_STARTS]
-        short = [search_poles(screening, structure, start, COARSE_STEP, FIRST_EVALUATIONS) for start in batch]
-        short.sort(key=lambda search: search.cost)
-        leading += [search_poles(screening, structure, s.reflections, step) for s in short[:LEADING]]
-        searches += short[LEADING:]
-        leading.sort(key=lambda search: search.cost)
-        best = leading[0]
-        near = [s for s in leading + searches if s.cost <= best.cost * (1.0 + AGREEMENT) ** 2 + floor]
-        if len(near) > 1:
-            break
-    if sum(s.y.size for s in screening) < sum(s.y.size for s in segments):
-        best = search_poles(segments, structure, best.reflections, step)
-    return best, len(near) > 1, len(leading) + len(searches)
-
-
-def best_search(segments: tuple[Segment, ...], structure: Structure) -> Search:
-    """Return the best of all searches for a structure."""
-    return _search_all(segments, structure, (), COARSE_STEP)[0]
-
-
-def first_cost(segments: tuple[Segment, ...], structure: Structure) -> float:
-    """Return the sum of squared errors of the best start, before any search."""
-    start = _ranked_starts(shortened(segments, RANKING_ROWS), structure, ())[0]
-    return Reduction(segments, structure, start).cost
-
-
-def _agreement(agree: bool, tried: int) -> str:
-    if tried == 1:
-        return "refitted from one start"
-    if agree:
-        return f"{tried} searches from different starts agree"
-    return (
-        f"{tried} searches from different starts disagree: the error has local minima, "
-        "so compare other orders"
-    )
-
-
-def shortened(segments: tuple[Segment, ...], rows: int) -> tuple[Segment, ...]:
-    """Return the first rows of each experiment, so many in all."""
-    total = sum(int(segment.used.sum()) for segment in segments)
-    if total <= rows:
-        return segments
-    share = rows / total
-    return tuple(s.shortened(max(int(share * s.used.sum()), 1)) for s in segments)
-
-
-def _ranked_starts(
-    segments: tuple[Segment, ...], structure: Structure, extra: Sequence[Complexes]
-) -> list[Floats]:
-    """Return starts that differ, the best first."""
-    order = structure.order
-    least_squares = least_squares_poles(segments, structure)
-    candidates: list[Complexes] = [least_squares]
-    candidates += steiglitz_mcbride_poles(segments, structure, least_squares)
-    runs = [Run(segment.u, segment.y[:, np.newaxis], segment.used) for segment in segments]
-    subspace = subspace_poles(runs, range(order, order + 1)).get(order, [])
-    candidates += subspace
-    for poles in subspace[:1]:
-        candidates += steiglitz_mcbride_poles(segments, structure, poles)
-    n_rows = max(segment.y.size for segment in segments)
-    if order <= 2:
-        candidates += pole_grid(order, n_rows)
-    for poles in extra:
-        missing = order - poles.size
-        if missing == 0:
-            candidates.append(poles)
-        elif missing in (1, 2):
-            candidates += [np.concatenate([poles, more]) for more in pole_grid(missing, n_rows)]
-    costs: list[tuple[float, Floats]] = []
-    for poles in candidates:
-        start = reflections_from_poles(np.concatenate([poles, np.zeros(order - poles.size)]))
-        cost = Reduction(segments, structure, start).cost
-        if np.isfinite(cost):
-            costs.append((cost, start))
-    costs.sort(key=lambda pair: pair[0])
-    distinct: list[Floats] = []
-    for _, start in costs:
-        if all(np.abs(start - other).max() > 1e-3 for other in distinct):
-            distinct.append(start)
-    return distinct

@@ -183,6 +183,21 @@ class Reduction:
         """Sum of squared residuals."""
         return self.projection.cost
 
+    def output(self, projection: Projection) -> Floats:
+        """Return the modelled output on the used rows of all experiments."""
+        parts = []
+        for number, segment in enumerate(self.segments):
+            columns = Columns(self.structure, self.reflections, segment.u)
+            block = np.empty((self.n_shared, segment.y.size))
+            columns.fill_shared(0, segment.y.size, block)
+            output = projection.shared @ block
+            if self.structure.free_start:
+                block = np.empty((self.structure.order, segment.y.size))
+                columns.fill_start(0, segment.y.size, block)
+                output += projection.starts[number] @ block
+            parts.append(output[segment.used])
+        return np.concatenate(parts)
+
     def linearise(self) -> tuple[Floats, Floats]:
         """Return J (triangular) and r, linear parameters eliminated, in the reflection coefficients.
 

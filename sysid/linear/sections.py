@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.linear.forms import LARGEST_START, Complexes, Floats
+from sysid.linear.forms import LARGEST_START, Complexes, Floats, section_coefficients
 from sysid.linear.kernels import section_states
 from sysid.linear.subspace import Run
 
@@ -19,18 +19,21 @@ RANK_TOLERANCE = 1e-10
 
 @dataclass(frozen=True)
 class Sections:
-    """x(k+1) = A x + B u, y = C x + D u + offset, A block-diagonal.
+    """x(k+1) = A x + B u + drift, y = C x + D u + offset, A block-diagonal.
+
+    The drift is that of integrators: where no pole is at 1 an offset does the same.
 
     Attributes
     ----------
     order : int
     A : ndarray, shape (n_sections, 2, 2)
-    B : ndarray, shape (n_sections, 2, n_inputs)
+    B : ndarray, shape (n_sections, 2, n_inputs + constant)
+        With the drift as its last column if there is a constant.
     C : ndarray, shape (n_outputs, n_sections, 2)
     D : ndarray, shape (n_outputs, n_inputs)
     offset : ndarray, shape (n_outputs,)
     direct, constant, free_start : bool
-        Whether D, the offset and initial states are free; zero otherwise.
+        Whether D, offset and drift, and initial states are free; zero otherwise.
     starts : ndarray, shape (n_experiments, n_sections, 2)
         Initial states.
     """
@@ -93,17 +96,28 @@ class Sections:
         """Return A, B, C, D of shapes (order, order), (order, n_inputs), (n_outputs, order), (..)."""
         from scipy.linalg import block_diag
 
-        n, n_inputs, n_outputs = self.order, self.B.shape[2], self.C.shape[0]
+        n, n_outputs = self.order, self.C.shape[0]
         A = block_diag(*self.A)[:n, :n]
-        return A, self.B.reshape(-1, n_inputs)[:n], self.C.reshape(n_outputs, -1)[:, :n], self.D
+        B = self.B[:, :, : self.D.shape[1]].reshape(2 * self.A.shape[0], -1)
+        return A, B[:n], self.C.reshape(n_outputs, -1)[:, :n], self.D
+
+    @property
+    def drift(self) -> Floats:
+        """What is added to the state at each step, shape (order,)."""
+        return self.B[:, :, -1].ravel()[: self.order] if self.constant else np.zeros(self.order)
+
+    def _driving(self, u: Floats) -> Floats:
+        """Return what drives the states: the inputs, and ones for the drift."""
+        return np.column_stack([u, np.ones(u.shape[0])]) if self.constant else u
 
     def response(self, u: Floats, start: Floats) -> Floats:
         """Return the outputs of one experiment, shape (n_rows, n_outputs)."""
         y = self.offset + u @ self.D.T
-        empty = np.empty((2, 6 + 2 * u.shape[1], 0))
+        driving = self._driving(u)
+        empty = np.empty((2, 6 + 2 * driving.shape[1], 0))
         for i in range(self.A.shape[0]):
             x = np.empty((2, u.shape[0]))
-            section_states(self.A[i], self.B[i], start[i], u, x, empty)
+            section_states(self.A[i], self.B[i], start[i], driving, x, empty)
             y += x.T @ self.C[:, i, :].T
         return np.asarray(y)
 
@@ -115,7 +129,8 @@ class Sections:
         y : ndarray, shape (n_rows, n_outputs)
         J : ndarray, shape (n_rows, n_outputs, n_entries)
         """
-        n_rows, m = run.u.shape
+        driving = self._driving(run.u)
+        n_rows, m = driving.shape
         sections, p = self.A.shape[0], self.C.shape[0]
         sizes = [self.A.size, self.B.size, self.C.size, self.D.size, self.offset.size]
         at_B, at_C, at_D, at_offset, at_start = np.cumsum(sizes).tolist()
@@ -123,7 +138,7 @@ class Sections:
         y = self.offset + run.u @ self.D.T
         for i in range(sections):
             x, S = np.empty((2, n_rows)), np.empty((2, 6 + 2 * m, n_rows))
-            section_states(self.A[i], self.B[i], self.starts[number, i], run.u, x, S)
+            section_states(self.A[i], self.B[i], self.starts[number, i], driving, x, S)
             y += x.T @ self.C[:, i, :].T
             by = np.einsum("oj,jck->koc", self.C[:, i, :], S)
             J[:, :, 4 * i : 4 * i + 4] = by[:, :, :4]
@@ -135,8 +150,8 @@ class Sections:
                 first = at_C + 2 * sections * o + 2 * i
                 J[:, o, first : first + 2] = x.T
         for o in range(p):
-            first = at_D + m * o
-            J[:, o, first : first + m] = run.u
+            first = at_D + run.u.shape[1] * o
+            J[:, o, first : first + run.u.shape[1]] = run.u
             J[:, o, at_offset + o] = 1.0
         return y, J
 
@@ -168,6 +183,30 @@ class Sections:
         return zero.with_vector(values)
 
 
+def sections_of_poles(reflections: Floats, n_inputs: int, direct: bool, constant: bool) -> Sections:
+    """Return a model of one output with the poles of reflection coefficients, all else zero.
+
+    A constant comes with free initial states.  Each section is in observable form, which holds equal poles
+    too; the linear part is left to be fitted.
+    """
+    a1, a2 = section_coefficients(reflections)
+    blocks = [[[-first, 1.0], [-second, 0.0]] for first, second in zip(a1, a2, strict=True)]
+    C = np.zeros((1, len(blocks), 2))
+    C[0, :, 0] = 1.0
+    return Sections(
+        order=reflections.size,
+        A=np.array(blocks),
+        B=np.zeros((len(blocks), 2, n_inputs + constant)),
+        C=C,
+        D=np.zeros((1, n_inputs)),
+        offset=np.zeros(1),
+        direct=direct,
+        constant=constant,
+        free_start=constant,
+        starts=np.zeros((1, len(blocks), 2)),
+    )
+
+
 def sections_of(
     A: Floats, C: Floats, n_inputs: int, *, direct: bool, constant: bool, free_start: bool
 ) -> Sections:
@@ -196,7 +235,7 @@ def sections_of(
     return Sections(
         order=order,
         A=np.array(blocks, dtype=np.float64),
-        B=np.zeros((n_sections, 2, n_inputs)),
+        B=np.zeros((n_sections, 2, n_inputs + constant)),
         C=np.stack(readings, axis=1),
         D=np.zeros((p, n_inputs)),
         offset=np.zeros(p),

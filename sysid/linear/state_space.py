@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StateSpaceFit:
-    """A fitted model x(k+1) = A x + B u, y = C x + D u + offset.
+    """A fitted model x(k+1) = A x + B u + drift, y = C x + D u + offset.
 
     Attributes
     ----------
@@ -24,8 +24,10 @@ class StateSpaceFit:
         Shapes (order, order), (order, n_inputs), (n_outputs, order), (n_outputs, n_inputs).  A is
         block-diagonal; other coordinates of the state give the same outputs.
     offset : ndarray, shape (n_outputs,)
+    drift : ndarray, shape (order,)
+        What an integrator needs; where no pole is at 1 an offset does the same.
     poles : ndarray of complex, shape (order,)
-        All inside the unit circle.
+        None outside the unit circle.
     initial_state : {"estimate", "rest"}
     period : float
         Sampling period [s].
@@ -50,6 +52,7 @@ class StateSpaceFit:
     C: Floats
     D: Floats
     offset: Floats
+    drift: Floats
     poles: Complexes
     initial_state: str
     period: float
@@ -129,7 +132,9 @@ def run_free(fit: StateSpaceFit, u: Floats, y: Floats, used: Mask) -> Floats:
     known = used & np.isfinite(y).all(axis=1)
     if fit.initial_state != "estimate" or not known.any():
         return forced
-    free = replace(model, D=np.zeros_like(model.D), offset=np.zeros_like(model.offset))
+    free = replace(
+        model, B=np.zeros_like(model.B), D=np.zeros_like(model.D), offset=np.zeros_like(model.offset)
+    )
     silence = np.zeros_like(u)
     columns = []
     for i in range(model.order):

@@ -8,12 +8,15 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask, check_record
 from sysid.errors import DataError, IdentifiabilityError, UsageError
-from sysid.linear.forms import Floats
-from sysid.linear.output_error import INITIAL_STATES, whole_number
-from sysid.linear.sections import Sections, sections_of
+from sysid.linear.forms import Complexes, Floats
+from sysid.linear.output_error import FINE_STEP, INITIAL_STATES, make_segments, whole_number
+from sysid.linear.reduction import Structure
+from sysid.linear.restarts import COARSE_STEP, agreement, same_error, same_output, search_from_many
+from sysid.linear.sections import Sections, sections_of_poles
 from sysid.linear.selection import standard_error
 from sysid.linear.state_space import StateSpaceFit
-from sysid.linear.subspace import INSTRUMENTS, Factor, Run, factorise
+from sysid.linear.state_space_starts import first_starts, further_starts
+from sysid.linear.subspace import Run, factorise
 from sysid.linear.uncertainty import autoregression
 from sysid.separable.descent import Minimum, Residual, levenberg_marquardt
 
@@ -26,7 +29,6 @@ REWEIGHTINGS = 2
 # An error within this share of the best is equal; so is one within a standard error from so many blocks.
 PRACTICAL_SHARE, BLOCKS = 0.01, (20, 10, 5)
 FRUITLESS_ORDERS = 3
-AGREEMENT = 1e-3
 DEEPEST = 40
 
 
@@ -40,8 +42,10 @@ def fit_state_space(
 ) -> StateSpaceFit:
     """Fit a state-space model by its free-run error, from subspace estimates.
 
-    PO-MOESP and PI-MOESP give two starts; A, B, C, D and initial states are then searched together, outputs
-    weighed by what is left of them.  An iterate with a pole outside the unit circle is not taken.
+    Of one output it is an output-error model in other coordinates, and found as one
+    (`sysid.linear.fit_output_error`).  For several, PO-MOESP and PI-MOESP give two starts; A, B, C, D and
+    initial states are then searched together, outputs weighed by what is left of them, from further starts
+    until two ends agree in error and outputs.  An iterate with a pole outside the unit circle is not taken.
 
     Parameters
     ----------
@@ -89,10 +93,23 @@ def fit_state_space(
     free_start = initial_state == "estimate"
     with threadpool_limits(1):
         validation: dict[int, float] = {}
+        known: tuple[Complexes, ...] = ()
         if order is None:
-            order, validation = _chosen_order(record, direct, free_start)
-        fit = _fit(record, order, direct, free_start, record.learning if rows is None else rows, EVALUATIONS)
+            order, validation, known = _chosen_order(record, direct, free_start)
+        trial = _Trial(record.learning if rows is None else rows, direct, free_start, known, precise=True)
+        fit = _fit(record, order, trial)
     return _result(record, fit, validation)
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """What a fit is asked for; ``known`` are poles from which to search, too."""
+
+    rows: Mask
+    direct: bool
+    free_start: bool
+    known: tuple[Complexes, ...]
+    precise: bool
 
 
 @dataclass(frozen=True)
@@ -104,9 +121,27 @@ class _Search:
     status: str
 
 
-def _fit(record: Record, order: int, direct: bool, free_start: bool, rows: Mask, evaluations: int) -> _Search:
-    runs = make_runs(record, rows)
-    _check_enough(record, runs, order, free_start)
+def _fit(record: Record, order: int, trial: _Trial) -> _Search:
+    return _fit_one(record, order, trial) if record.y.shape[1] == 1 else _fit_several(record, order, trial)
+
+
+def _fit_one(record: Record, order: int, trial: _Trial) -> _Search:
+    """Fit a model of one output: an output-error model in other coordinates, so the search is that one's."""
+    segments = make_segments(record, trial.rows)
+    runs = tuple(Run(s.u, s.y[:, np.newaxis], s.used) for s in segments)
+    _check_enough(record, runs, order, trial.free_start)
+    structure = Structure(order, 0 if trial.direct else 1, trial.free_start, trial.free_start)
+    found = search_from_many(segments, structure, trial.known, FINE_STEP if trial.precise else COARSE_STEP)
+    search = found.search
+    model = sections_of_poles(search.reflections, record.u.shape[1], trial.direct, trial.free_start)
+    model = model.with_linear_part(runs, np.ones(1))
+    return _Search(model, runs, search.converged, found.agreeing, f"{search.message}; {found.sentence}")
+
+
+def _fit_several(record: Record, order: int, trial: _Trial) -> _Search:
+    """Search all entries together, from further starts until two ends agree in error and output."""
+    runs = make_runs(record, trial.rows)
+    _check_enough(record, runs, order, trial.free_start)
     factor = factorise(runs, _depth(runs, order))
     if factor is None:
         raise IdentifiabilityError(
@@ -115,18 +150,39 @@ def _fit(record: Record, order: int, direct: bool, free_start: bool, rows: Mask,
         )
     spread = np.std(np.concatenate([run.y[run.used] for run in runs]), axis=0)
     weights = 1.0 / np.maximum(spread, 1e-300)
-    ends = []
-    for start in _starts(factor, order, direct, free_start, runs, weights):
-        ends.append(_search(start, runs, weights, evaluations))
-    ends.sort(key=lambda end: end[1].cost)
+    size = float(np.linalg.norm(np.concatenate([run.y[run.used] for run in runs]) * weights))
+    evaluations = EVALUATIONS if trial.precise else TRIAL_EVALUATIONS
+    starts = first_starts(factor, order, trial.direct, trial.free_start, runs, weights)
+    ends = sorted((_search(start, runs, weights, evaluations) for start in starts), key=_cost)
+    agreeing = _agreeing(ends, size)
+    further = further_starts(ends[0][0], runs, weights) if trial.precise else iter(())
+    while agreeing < 2 and (start := next(further, None)) is not None:
+        ends = sorted([*ends, _search(start, runs, weights, evaluations)], key=_cost)
+        agreeing = _agreeing(ends, size)
     model, minimum = ends[0]
-    for _ in range(REWEIGHTINGS if spread.size > 1 else 0):
+    for _ in range(REWEIGHTINGS):
         left = np.sqrt(np.mean(np.square(_residuals(model, runs)), axis=0))
         weights = 1.0 / np.maximum(left, 1e-9 * spread)
         model, minimum = _search(model, runs, weights, evaluations)
-    floor = 1e-18 * sum(int(run.used.sum()) for run in runs) * spread.size
-    near = sum(end[1].cost <= ends[0][1].cost * (1.0 + AGREEMENT) ** 2 + floor for end in ends)
-    return _Search(model, runs, minimum.status.converged, near, minimum.status.value)
+    sentence = agreement(agreeing, len(ends))
+    return _Search(model, runs, minimum.status.converged, agreeing, f"{minimum.status.value}; {sentence}")
+
+
+_End = tuple[Sections, Minimum[Residual]]
+
+
+def _cost(end: _End) -> float:
+    return end[1].cost
+
+
+def _agreeing(ends: Sequence[_End], size: float) -> int:
+    """Return how many ends have the error and the outputs of the first, itself included."""
+    best = ends[0][1]
+    return sum(
+        same_error(best.cost, end.cost, size)
+        and same_output(best.point.residual, end.point.residual, best.cost, size)
+        for _, end in ends
+    )
 
 
 def make_runs(record: Record, rows: Mask) -> tuple[Run, ...]:
@@ -171,17 +227,6 @@ def _depth(runs: Sequence[Run], order: int) -> int:
     return int(np.clip(longest // (4 * channels), order + 1, min(max(2 * order, 10), DEEPEST)))
 
 
-def _starts(
-    factor: Factor, order: int, direct: bool, free_start: bool, runs: Sequence[Run], weights: Floats
-) -> list[Sections]:
-    found = []
-    for kind in INSTRUMENTS:
-        A, C = factor.dynamics(kind, order)
-        model = sections_of(A, C, factor.n_inputs, direct=direct, constant=free_start, free_start=free_start)
-        found.append(model.with_linear_part(runs, weights))
-    return found
-
-
 def _residuals(model: Sections, runs: Sequence[Run]) -> Floats:
     parts = [
         (model.response(run.u, start) - run.y)[run.used]
@@ -222,18 +267,23 @@ def _search(
     return model(minimum.x), minimum
 
 
-def _chosen_order(record: Record, direct: bool, free_start: bool) -> tuple[int, dict[int, float]]:
-    """Return the smallest order that is as good as the best on the validation rows, and all errors."""
+def _chosen_order(
+    record: Record, direct: bool, free_start: bool
+) -> tuple[int, dict[int, float], tuple[Complexes, ...]]:
+    """Return the smallest order that is as good as the best on the validation rows, all errors, its poles."""
     size = np.std(record.y[record.validation], axis=0)
     size[size == 0.0] = 1.0
     squares: dict[int, Floats] = {}
+    poles: dict[int, Complexes] = {}
     problem: IdentifiabilityError | None = None
     for order in range(1, LARGEST_ORDER + 1):
         try:
-            search = _fit(record, order, direct, free_start, record.estimation, TRIAL_EVALUATIONS)
+            known = tuple(poles.values())[-2:]
+            search = _fit(record, order, _Trial(record.estimation, direct, free_start, known, precise=False))
         except IdentifiabilityError as error:
             problem = error
             break
+        poles[order] = search.model.poles
         free_run = _result(record, search, {}).predict(record, rows=record.estimation).free_run
         missed = (record.y - free_run.reshape(record.y.shape)) / size
         squares[order] = np.mean(missed[record.validation] ** 2, axis=1)
@@ -248,7 +298,8 @@ def _chosen_order(record: Record, direct: bool, free_start: bool) -> tuple[int, 
         raise problem
     best = min(squares, key=lambda n: float(squares[n].mean()))
     equal = [n for n in squares if _equal(squares[n], squares[best])]
-    return min(equal), {n: float(np.sqrt(s.mean())) for n, s in squares.items()}
+    chosen = min(equal)
+    return chosen, {n: float(np.sqrt(s.mean())) for n, s in squares.items()}, (poles[chosen],)
 
 
 def _equal(squares: Floats, best: Floats) -> bool:
@@ -266,17 +317,13 @@ def _result(record: Record, search: _Search, validation: dict[int, float]) -> St
     noise = [autoregression(np.split(column, cuts)) for column in residual.T]
     measured = np.concatenate([run.y[run.used] for run in runs])
     chosen = f"order chosen from {len(validation)} on validation rows; " if validation else ""
-    agreement = (
-        "PO-MOESP and PI-MOESP end at the same error"
-        if search.agreeing > 1
-        else "PO-MOESP and PI-MOESP end at different errors: compare other orders"
-    )
     return StateSpaceFit(
         A=A,
         B=B,
         C=C,
         D=D,
         offset=model.offset,
+        drift=model.drift,
         poles=model.poles,
         initial_state="estimate" if model.free_start else "rest",
         period=record.period,
@@ -290,6 +337,6 @@ def _result(record: Record, search: _Search, validation: dict[int, float]) -> St
         validation=validation,
         converged=search.converged,
         restarts_agree=search.agreeing > 1,
-        status=f"{chosen}{search.status}; {agreement}",
+        status=f"{chosen}{search.status}",
         sections=model,
     )

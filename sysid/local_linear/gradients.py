@@ -96,9 +96,8 @@ def eliminate(phi: Floats, y: Floats) -> Elimination:
     n_rows, n_linear = phi.shape
     if n_rows < n_linear:
         raise IdentifiabilityError(
-            f"{n_rows} output values cannot determine {n_linear} linear parameters: take a longer record, "
-            "or a "
-            "model with fewer states or local models"
+            f"{n_rows} output values cannot determine {n_linear} linear parameters: take a longer record, or "
+            "a model with fewer states or local models"
         )
     norms = np.sqrt(np.einsum("ij,ij->j", phi, phi))
     empty = np.zeros((n_linear, n_linear), order="F")
@@ -108,8 +107,8 @@ def eliminate(phi: Floats, y: Floats) -> Elimination:
     if not np.all(np.abs(np.diag(R)) > RANK_TOLERANCE * norms):
         raise IdentifiabilityError(
             "the regressors of the local models depend on one another: the scheduling signal hardly visits "
-            "one of "
-            "the local models, or the input does not excite it; take fewer local models or a richer input"
+            "one of the local models, or the input does not excite it; take fewer local models or a richer "
+            "input"
         )
     head, tail = _apply(
         reflections, blocks, np.zeros((n_linear, 1), order="F"), np.array(y[:, np.newaxis]), "T"

@@ -153,6 +153,5 @@ class LocalLinearModel:
         sizes = self.sizes
         return (
             f"LocalLinearModel({sizes.n_models} local models of order {sizes.n_states}, {sizes.n_inputs} "
-            "inputs, "
-            f"{sizes.n_outputs} outputs, {sizes.n_scheduling} scheduling signals)"
+            f"inputs, {sizes.n_outputs} outputs, {sizes.n_scheduling} scheduling signals)"
         )

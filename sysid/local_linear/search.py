@@ -22,10 +22,8 @@ def check_enough(problem: Problem, scaled: Scaled, names: tuple[str, ...]) -> No
     if values < 2 * problem.n_unknowns:
         raise IdentifiabilityError(
             f"{values} measured values cannot determine {problem.n_unknowns} unknowns ({sizes.n_models} "
-            "local models "
-            f"of order {sizes.n_states}): at least {2 * problem.n_unknowns} are needed; take fewer local "
-            "models or a "
-            "lower order"
+            f"local models of order {sizes.n_states}): at least {2 * problem.n_unknowns} are needed; take "
+            "fewer local models or a lower order"
         )
     different = np.unique(scaled.visited(), axis=0).shape[0]
     if different < sizes.n_models:
@@ -57,9 +55,9 @@ def given_start(problem: Problem, start: LocalLinearModel, scaled: Scaled) -> Fl
         radius = np.abs(np.linalg.eigvals(start.A)).max(axis=1)
         worst = int(np.argmax(radius))
         raise ModelError(
-            f"the simulation of the start is not finite or a local model is never in charge; the largest "
-            "eigenvalue "
-            f"of A_{worst + 1} has the size {radius[worst]:.3g}: start from a stable model, or without one"
+            "the simulation of the start is not finite or a local model is never in charge; the largest "
+            f"eigenvalue of A_{worst + 1} has the size {radius[worst]:.3g}: start from a stable model, or "
+            "without one"
         )
     return eta
 
@@ -84,8 +82,7 @@ def linear_starts(problem: Problem) -> list[tuple[Floats, Floats]]:
     if factor is None:
         raise IdentifiabilityError(
             f"too few rows follow one another for a subspace estimate of order {order}: lower the order, or "
-            "take a "
-            "longer record"
+            "take a longer record"
         )
     return [factor.dynamics(kind, order) for kind in INSTRUMENTS]
 

@@ -24,8 +24,7 @@ def schedule(record: Record, chosen: str | Sequence[str] | ArrayLike) -> tuple[t
         if unknown:
             raise UsageError(
                 f"scheduling signal {unknown[0]!r} is no input ({', '.join(record.inputs)}): choose inputs, "
-                "or give "
-                "a signal as an array"
+                "or give a signal as an array"
             )
         columns = [record.inputs.index(str(name)) for name in texts]
         return tuple(str(name) for name in texts), record.u[:, columns]
@@ -98,8 +97,7 @@ def scale(record: Record, phi: Floats, rows: Mask) -> Scaled:
         if missing.size:
             raise DataError(
                 f"row {cut.start + int(missing[0]) + 1}: an output is missing and cannot be fitted: leave "
-                "the row "
-                "out of the fit"
+                "the row out of the fit"
             )
     u = np.concatenate([record.u[cut] for cut in cuts])
     y = np.concatenate([record.y[cut][mask] for cut, mask in zip(cuts, masks, strict=True)])
@@ -111,8 +109,7 @@ def scale(record: Record, phi: Floats, rows: Mask) -> Scaled:
     if still.size:
         raise DataError(
             f"scheduling signal {int(still[0]) + 1} is constant ({phi_mean[still[0]]:g}) on the rows of the "
-            "fit: "
-            "choose a signal that varies, or fit a linear model with sysid.fit_state_space"
+            "fit: choose a signal that varies, or fit a linear model with sysid.fit_state_space"
         )
     # The mean of the input goes into the constants O, and comes out of them again in `physical`.
     u_mean = u.mean(axis=0)

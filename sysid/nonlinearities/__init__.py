@@ -35,7 +35,6 @@ from sysid.nonlinearities.memory import (
     Play,
     SchmittTrigger,
 )
-from sysid.nonlinearities.pieces import AffinePieces
 from sysid.nonlinearities.preimages import KnownMap, Preimage
 from sysid.nonlinearities.segment import SEGMENT, SegmentMap, Segments
 from sysid.nonlinearities.spline import (
@@ -46,6 +45,7 @@ from sysid.nonlinearities.spline import (
     spline_basis,
     supported_knots,
 )
+from sysid.separable.pieces import AffinePieces
 
 __all__ = [
     "DEAD_ZONE",

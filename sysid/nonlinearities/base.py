@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import ModelError, UsageError
 from sysid.nonlinearities.kernels import PieceArrays
-from sysid.nonlinearities.pieces import AffinePieces
+from sysid.separable.pieces import AffinePieces
 
 Floats = NDArray[np.float64]
 

@@ -31,7 +31,7 @@ from sysid.nonlinearities.kernels import (
     static_pieces,
     static_response,
 )
-from sysid.nonlinearities.pieces import AffinePieces
+from sysid.separable.pieces import AffinePieces
 
 
 class Branch(NamedTuple):

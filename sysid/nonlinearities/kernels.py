@@ -1,7 +1,7 @@
 """Compiled loops of the nonlinearities; arguments are trusted, never checked here.
 
 The ``*_pieces`` kernels return ``(offset, slope, knot, sample, new_offset, new_slope)``, the
-arrays of :class:`~sysid.nonlinearities.pieces.AffinePieces`.
+arrays of :class:`~sysid.separable.pieces.AffinePieces`.
 """
 
 from typing import Any

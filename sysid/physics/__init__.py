@@ -10,7 +10,7 @@ from sysid.physics.model import Equation, Model, Output, Parameter, Prior, Start
 from sysid.physics.reading import all_model_names, is_known, load_model, model_names, read_model
 
 if TYPE_CHECKING:
-    from sysid.physics.fit import PhysicsFit, fit_physics
+    from sysid.physics.fit import PhysicsFit, fit_physics, refit_physics
     from sysid.physics.simulation import Simulator
 
 __all__ = [
@@ -32,12 +32,14 @@ __all__ = [
     "load_model",
     "model_names",
     "read_model",
+    "refit_physics",
 ]
 
 _LATE = {
     "PhysicsFit": "sysid.physics.fit",
     "Simulator": "sysid.physics.simulation",
     "fit_physics": "sysid.physics.fit",
+    "refit_physics": "sysid.physics.fit",
 }
 
 

@@ -13,6 +13,7 @@ from typing import Any, ClassVar, TypeGuard
 from sysid.errors import ModelError
 from sysid.physics.expressions import ONE, Expression, Symbol
 from sysid.physics.model import Equation, Model, Output, Parameter, Term, Variable
+from sysid.physics.names import checked_name
 from sysid.physics.symbolic import Symbolic, expression_of
 
 _PYTHON_NAME = re.compile(r"[A-Za-z_][\w.]*")
@@ -97,8 +98,6 @@ def is_model_class(thing: object) -> TypeGuard[type[PhysicsModel]]:
 
 
 def _model(cls: type[PhysicsModel]) -> Model:
-    from sysid.physics.reading import checked_name
-
     for kind, table in (("states", cls.states), ("inputs", cls.inputs), ("outputs", cls.outputs)):
         if not isinstance(table, Mapping) or not table:
             raise ModelError(f'{cls.__name__}.{kind} is {table!r}: give names with units, as {{"x": "m"}}')

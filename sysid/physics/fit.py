@@ -11,34 +11,20 @@ from sysid.data import Record
 from sysid.data.record import Mask, check_record
 from sysid.errors import IdentifiabilityError, ModelError, UsageError
 from sysid.linear.forms import Floats
-from sysid.linear.reduction import Segment
-from sysid.physics.matching import matched_points
+from sysid.physics.hold import HOLDS
 from sysid.physics.model import Model, Starts
 from sysid.physics.problem import Problem
 from sysid.physics.reading import load_model
+from sysid.physics.restarts import EVALUATIONS, agreement, descend, search_from_many
 from sysid.physics.simulation import step_error
-from sysid.physics.starts import draw_widths, starting_points
 from sysid.physics.uncertainty import Uncertainty, parameter_uncertainty
-from sysid.separable.descent import Minimum, Residual, Status, levenberg_marquardt
+from sysid.separable.descent import Minimum, Residual
 
 if TYPE_CHECKING:
     from sysid.linear.simulation import Prediction
     from sysid.physics.classes import PhysicsModel
 
 INITIAL_STATES = ("estimate", "rest")
-RANKING_ROWS = 2_000
-SCREENING_ROWS = 10_000
-SEARCHED_STARTS = 8
-# Starts are drawn again, so many times in all, until two searches agree.
-BATCHES = 4
-MATCHED_STARTS = 4
-SCREENING_EVALUATIONS = 80
-EVALUATIONS = 300
-# Two searches agree when their errors differ by less than this share ...
-AGREEMENT = 1e-3
-# ... and their outputs by less than this share of the error.
-OUTPUT_AGREEMENT = 0.05
-EXACT = 1e-9
 STEP_TOLERANCE = 1e-4
 HALVINGS = 5
 # Priors are weighed by the noise that is left over, which depends on them.
@@ -78,6 +64,8 @@ class PhysicsFit:
         parameters are not asked for.
     status : str
         One sentence: how the search ended.
+    hold : {"zero", "smooth"}
+        What the input does between samples.
     """
 
     model: Model
@@ -96,6 +84,7 @@ class PhysicsFit:
     converged: bool
     restarts_agree: bool
     status: str
+    hold: str = "zero"
 
     @property
     def order(self) -> int:
@@ -135,6 +124,7 @@ def fit_physics(
     fixed: Mapping[str, float] | None = None,
     initial_state: str = "estimate",
     rows: Mask | None = None,
+    hold: str = "zero",
     progress: Callable[[int, int], None] | None = None,
 ) -> PhysicsFit:
     """Fit a physical model by its free-run error, from several starts.
@@ -154,6 +144,8 @@ def fit_physics(
         Whether each experiment starts from a state of its own or from rest.
     rows : ndarray of bool, shape (n_samples,), optional
         Rows of the fit; estimation and validation rows by default.
+    hold : {"zero", "smooth"}
+        Between samples the input is held, or follows a cubic spline, as one that was sampled does.
     progress : callable, optional
         Called with the number of searches done and to do; these may become more, see `restarts_agree`.
 
@@ -185,18 +177,67 @@ def fit_physics(
 
     if initial_state not in INITIAL_STATES:
         raise UsageError(f"initial state is {initial_state!r}: choose estimate or rest")
+    if hold not in HOLDS:
+        raise UsageError(f"hold is {hold!r}: choose {' or '.join(HOLDS)}")
     described = (model if isinstance(model, Model) else load_model(model)).with_parameters(start, fixed)
     _check_channels(described, check_record(record))
     segments = make_segments(record, rows)
-    problem = Problem(described, segments, record.period, initial_state == "estimate")
+    problem = Problem(described, segments, record.period, initial_state == "estimate", hold=hold)
     _check_enough(problem)
     with threadpool_limits(1):  # blocks are small: further threads only wait for one another
-        minimum, agreeing, tried = _search_all(problem, progress)
-        minimum = _with_fine_steps(problem, minimum)
-        uncertainty = parameter_uncertainty(problem, minimum.x, minimum.point.residual)
-        if any(parameter.prior is not None for parameter in problem.parameters):
-            problem, minimum, uncertainty = _with_priors(problem, minimum, uncertainty)
-    return _result(problem, minimum, uncertainty, record, (agreeing, tried))
+        minimum, agreeing, tried = search_from_many(problem, progress)
+        return _finished(problem, minimum, record, agreeing > 1, agreement(agreeing, tried))
+
+
+def refit_physics(
+    record: Record, fit: PhysicsFit, *, rows: Mask | None = None, hold: str | None = None
+) -> PhysicsFit:
+    """Fit the same model to other rows, from where a fit ended: the only start, so that it stays the same.
+
+    Parameters
+    ----------
+    record : Record
+    fit : PhysicsFit
+    rows : ndarray of bool, shape (n_samples,), optional
+        Rows of the fit; estimation and validation rows by default.
+    hold : {"zero", "smooth"}, optional
+        What the input does between samples, if not what it did before.
+
+    Returns
+    -------
+    PhysicsFit
+
+    Raises
+    ------
+    ModelError
+        If the model diverges on these rows.
+    """
+    from threadpoolctl import threadpool_limits
+
+    from sysid.linear.output_error import make_segments
+
+    segments = make_segments(record, rows)
+    free_start, hold = fit.initial_state == "estimate", fit.hold if hold is None else hold
+    problem = Problem(fit.model, segments, record.period, free_start, hold=hold)
+    _check_enough(problem)
+    with threadpool_limits(1):
+        near = fit.states if free_start and fit.states.shape[0] == len(segments) else None
+        point = problem.point(problem.coordinates(fit.values), near)
+        if point is None:
+            raise ModelError(f"model {fit.model.name!r} diverges on the rows of the refit: try another start")
+        return _finished(
+            problem, descend(problem, point, EVALUATIONS), record, True, "refitted from one start"
+        )
+
+
+def _finished(
+    problem: Problem, minimum: Minimum[Residual], record: Record, agree: bool, restarts: str
+) -> PhysicsFit:
+    minimum = _with_fine_steps(problem, minimum)
+    uncertainty = parameter_uncertainty(problem, minimum.x, minimum.point.residual)
+    if any(parameter.prior is not None for parameter in problem.parameters):
+        problem, minimum, uncertainty = _with_priors(problem, minimum, uncertainty)
+    return _result(problem, minimum, uncertainty, record, agree, restarts)
 
 
 def _result(
@@ -204,11 +245,11 @@ def _result(
     minimum: Minimum[Residual],
     uncertainty: Uncertainty,
     record: Record,
-    restarts: tuple[int, int],
+    agree: bool,
+    restarts: str,
 ) -> PhysicsFit:
-    agreeing, tried = restarts
     values = problem.values(minimum.x[: len(problem.names)])
-    sentences = [minimum.status.value, _agreement(agreeing, tried)]
+    sentences = [minimum.status.value, restarts]
     if uncertainty.undetermined:
         sentences.append(
             f"only combinations of {', '.join(uncertainty.undetermined)} are determined: fix one of them"
@@ -229,8 +270,9 @@ def _result(
         n_rows=problem.n_rows,
         substeps=problem.simulator.substeps,
         converged=minimum.status.converged,
-        restarts_agree=agreeing > 1,
+        restarts_agree=agree,
         status="; ".join(sentences),
+        hold=problem.hold,
     )
 
 
@@ -253,100 +295,6 @@ def _check_enough(problem: Problem) -> None:
         )
 
 
-def _search_all(
-    problem: Problem, progress: Callable[[int, int], None] | None = None
-) -> tuple[Minimum[Residual], int, int]:
-    """Search from the best of all starts; return the best end, how many agree with it, how many ran.
-
-    Where no second search ends as the best one does, further batches of starts are drawn.
-    """
-    screening = problem.with_segments(_shortened(problem.segments, SCREENING_ROWS))
-    ranking = problem.with_segments(_shortened(problem.segments, RANKING_ROWS))
-    count = len(problem.names)
-    ends: list[Minimum[Residual]] = []
-    for batch in range(BATCHES):
-        starts = _starts(ranking, screening, batch)
-        for number, (coordinates, states) in enumerate(starts):
-            screening.use_steps(None)
-            point = screening.point(coordinates, _all_states(screening, states))
-            if point is not None:
-                ends.append(_descend(screening, point, SCREENING_EVALUATIONS))
-            if progress is not None and batch == 0:  # what comes after is the exception
-                progress(number + 1, len(starts) + 1)
-        if not ends:
-            raise ModelError(
-                f"model {problem.model.name!r} diverges from every start: give start values nearer to the "
-                "plant's"
-            )
-        ends.sort(key=lambda end: end.cost)
-        if ends[0].status is Status.MAX_EVALUATIONS:
-            ends[0] = _descend(screening, ends[0].x, EVALUATIONS)
-        best = ends[0]
-        agreeing = 1 + sum(_same(best, end, screening) for end in ends[1:])
-        if agreeing > 1:
-            break
-    if screening.n_rows < problem.n_rows:
-        problem.use_steps(screening.simulator.substeps)
-        point = problem.point(best.x[:count], _all_states(problem, screening.states_of(best.x)))
-        if point is None:
-            raise ModelError(
-                f"model {problem.model.name!r} fits the first {screening.n_rows} rows and diverges later: "
-                "give start values nearer to the plant's"
-            )
-        best = _descend(problem, point, EVALUATIONS)
-    else:
-        problem.use_steps(screening.simulator.substeps)
-        best = _descend(problem, best.x, EVALUATIONS)
-    return best, agreeing, len(ends)
-
-
-def _starts(problem: Problem, screening: Problem, batch: int) -> list[tuple[Floats, Floats]]:
-    """Return parameters and initial states from which to search.
-
-    Where parameters are not known, the first come from a linear model that was identified before
-    (`sysid.physics.matching`).  A free response from far away can hide what the input does, so where
-    initial states are estimated too, half of the others come from runs at rest.
-    """
-    count = len(problem.names)
-    found = [(p[:count], problem.states_of(p)) for p in starting_points(problem, SEARCHED_STARTS, batch)]
-    if all(parameter.status == "uncertain" for parameter in problem.parameters):
-        return found
-    matched = _matched(screening) if batch == 0 else []
-    if not problem.free_start:
-        return matched + found[: SEARCHED_STARTS - len(matched)]
-    at_rest = Problem(problem.model, problem.segments, problem.period, free_start=False)
-    forced = [
-        (p[:count], at_rest.states_of(p)) for p in starting_points(at_rest, SEARCHED_STARTS // 2, batch)
-    ]
-    return (matched + forced + found)[:SEARCHED_STARTS]
-
-
-def _matched(problem: Problem) -> list[tuple[Floats, Floats]]:
-    """Return starts with the transfer function of an identified model, each with its initial states."""
-    problem.use_steps(None)
-    centre = problem.coordinates(problem.simulator.values())
-    points = matched_points(problem, centre, draw_widths(problem, centre), MATCHED_STARTS)
-    placed = [problem.point(point) for point in points]
-    return [(p[: centre.size], problem.states_of(p)) for p in placed if p is not None]
-
-
-def _all_states(problem: Problem, known: Floats) -> Floats:
-    missing = len(problem.segments) - known.shape[0]
-    return np.vstack([known, np.tile(problem.simulator.rest(), (missing, 1))])
-
-
-def _descend(problem: Problem, point: Floats, evaluations: int) -> Minimum[Residual]:
-    lower, upper = problem.bounds()
-    with np.errstate(all="ignore"):
-        return levenberg_marquardt(
-            problem.residual,
-            problem.jacobian,
-            np.clip(point, lower, upper),
-            bounds=(lower, upper),
-            max_evaluations=evaluations,
-        )
-
-
 def _with_fine_steps(problem: Problem, minimum: Minimum[Residual]) -> Minimum[Residual]:
     """Halve the Runge-Kutta step and search on until the output no longer depends on it."""
     if problem.simulator.linear:
@@ -358,7 +306,7 @@ def _with_fine_steps(problem: Problem, minimum: Minimum[Residual]) -> Minimum[Re
         if step_error(problem.simulator, values, problem.segments[longest].u, start) < STEP_TOLERANCE:
             break
         problem.use_steps(2 * (problem.simulator.substeps or 1))
-        minimum = _descend(problem, minimum.x, EVALUATIONS)
+        minimum = descend(problem, minimum.x, EVALUATIONS)
     return minimum
 
 
@@ -373,41 +321,9 @@ def _with_priors(
     noise = uncertainty.effective_noise
     for _ in range(PRIOR_ROUNDS):
         problem = problem.with_noise(noise)
-        minimum = _descend(problem, minimum.x, EVALUATIONS)
+        minimum = descend(problem, minimum.x, EVALUATIONS)
         uncertainty = parameter_uncertainty(problem, minimum.x, minimum.point.residual)
         if np.abs(uncertainty.effective_noise / noise - 1.0).max() < PRIOR_TOLERANCE:
             break
         noise = uncertainty.effective_noise
     return problem, minimum, uncertainty
-
-
-def _same(best: Minimum[Residual], end: Minimum[Residual], problem: Problem) -> bool:
-    """Tell whether two searches ended at the same error with the same output."""
-    floor = EXACT * np.sqrt(sum(float(segment.y @ segment.y) for segment in problem.segments))
-    error, other = np.sqrt(best.cost), np.sqrt(end.cost)
-    apart = float(np.linalg.norm(end.point.residual - best.point.residual))
-    return bool(
-        other <= error * (1.0 + AGREEMENT) + floor and apart <= OUTPUT_AGREEMENT * error + 2.0 * floor
-    )
-
-
-def _agreement(agreeing: int, tried: int) -> str:
-    if agreeing > 1:
-        return f"{agreeing} of {tried} searches from different starts agree in error and output"
-    return (
-        f"{tried} searches from different starts disagree: the error has local minima, "
-        "so give start values nearer to the plant's"
-    )
-
-
-def _shortened(segments: tuple[Segment, ...], rows: int) -> tuple[Segment, ...]:
-    """Return the first experiments and rows, so many in all."""
-    chosen: list[Segment] = []
-    left = rows
-    for segment in segments:
-        if left <= 0:
-            break
-        count = int(segment.used.sum())
-        chosen.append(segment if count <= left else segment.shortened(left))
-        left -= count
-    return tuple(chosen)

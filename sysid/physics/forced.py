@@ -9,14 +9,13 @@ import numpy as np
 from sysid.errors import ModelError
 from sysid.linear.forms import Floats
 from sysid.physics.expressions import code
+from sysid.physics.hold import PIECES, refined
 from sysid.physics.linear_form import Entry, linear_form
 from sysid.physics.model import Model
 from sysid.physics.ports import Port, find_port
 
 MOST_STATES = 4
 MOST_SUBSTEPS = 200
-# A smooth input is a staircase of so many steps between samples, each as high as the spline at its middle.
-PIECES = 4
 # The law without effects: seventeen coefficients, in the order of `sysid.physics.forced_kernels`.
 LAW_NAMES = (
     "friction_forward",
@@ -232,15 +231,16 @@ class ForcedPlant:
         ndarray, shape (lanes, n_samples)
             Not a number from where a run diverges on.
         """
-        from sysid.physics.forced_kernels import forced_runs, linear_runs
+        from sysid.physics.forced_kernels import linear_runs
+        from sysid.physics.forced_lanes import lane_runs
 
         lanes = values.shape[0]
         signal = u[np.newaxis, :, np.newaxis] if u.ndim == 1 else (u[np.newaxis] if u.ndim == 2 else u)
-        signal = np.ascontiguousarray(signal)
+        signal = np.require(signal, requirements=["C", "W"])  # a kernel is compiled for one kind of array
         pieces = 1 if self.hold == "zero" else PIECES
         period = self.period / pieces
         if pieces > 1:
-            signal, substeps = _in_pieces(signal, pieces), -(-substeps // pieces)
+            signal, substeps = refined(signal, axis=1), -(-substeps // pieces)
         y = np.empty((lanes, signal.shape[1]))
         at_start = np.zeros((lanes, MOST_STATES))
         if starts is None:
@@ -255,7 +255,7 @@ class ForcedPlant:
             linear_runs(plants, self.order, by_input, direct, signal, at_start, period, y, inner)
         else:
             step = period / substeps
-            forced_runs(
+            lane_runs(
                 *(plants, self.order, self.same, by_input, direct, signal, at_start, step, substeps, y, inner)
             )
         if states is not None:
@@ -289,16 +289,6 @@ class ForcedPlant:
         linear_runs(plants, self.order, pushed, direct[:, :1] * 0.0, signal, at_start, self.period, y, inner)
         found: Floats = y[0]
         return found
-
-
-def _in_pieces(signal: Floats, pieces: int) -> Floats:
-    """Return the middles of pieces of the spline through the samples; the last sample is held."""
-    from scipy.interpolate import CubicSpline
-
-    n = signal.shape[1]
-    times = np.arange(n * pieces) / pieces + 0.5 / pieces
-    spline = CubicSpline(np.arange(n), signal, axis=1, bc_type="natural")
-    return np.ascontiguousarray(spline(np.minimum(times, n - 1.0)))
 
 
 def _order(port: Port, n: int) -> list[int]:

@@ -341,7 +341,7 @@ def linear_runs(
     m = u.shape[2]
     size = n + m + 1
     M, F, power = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
-    x, following = np.empty(n), np.empty(n)
+    G, H = np.zeros((MOST_STATES, MOST_STATES)), np.zeros((MOST_STATES, m + 1))
     for lane in range(plants.shape[0]):
         source = lane if u.shape[0] > 1 else 0
         w = plants[lane]
@@ -352,27 +352,32 @@ def linear_runs(
             for j in range(m):
                 M[i, n + j] = by_input[lane, i, j] * period
             M[i, n + m] = w[STEADY + i] * period
-            x[i] = starts[lane, i]
         exponential(M, F, power)
+        G[:n, :n], H[:n] = F[:n, :n], F[:n, n:]
+        # Four states whatever n, in variables of their own: loops and arrays would take most of the time.
+        a0, a1, a2, a3 = G[0, 0], G[0, 1], G[0, 2], G[0, 3]
+        b0, b1, b2, b3 = G[1, 0], G[1, 1], G[1, 2], G[1, 3]
+        c0, c1, c2, c3 = G[2, 0], G[2, 1], G[2, 2], G[2, 3]
+        d0, d1, d2, d3 = G[3, 0], G[3, 1], G[3, 2], G[3, 3]
+        r0, r1, r2, r3, steady = w[READ], w[READ + 1], w[READ + 2], w[READ + 3], w[READ + 4]
+        x0, x1, x2, x3 = starts[lane, 0], starts[lane, 1], starts[lane, 2], starts[lane, 3]
         for k in range(u.shape[1]):
-            value = w[READ + 4]
-            for i in range(n):
-                value += w[READ + i] * x[i]
+            value = (r0 * x0 + r1 * x1) + (r2 * x2 + r3 * x3) + steady
+            e0, e1, e2, e3 = H[0, m], H[1, m], H[2, m], H[3, m]
             for j in range(m):
-                value += direct[lane, j] * u[source, k, j]
+                v = u[source, k, j]
+                value += direct[lane, j] * v
+                e0, e1, e2, e3 = e0 + H[0, j] * v, e1 + H[1, j] * v, e2 + H[2, j] * v, e3 + H[3, j] * v
             y[lane, k] = value
             if states.shape[1] > 0:
-                for i in range(n):
-                    states[lane, k, i] = x[i]
-            for i in range(n):
-                value = F[i, n + m]
-                for j in range(m):
-                    value += F[i, n + j] * u[source, k, j]
-                for j in range(n):
-                    value += F[i, j] * x[j]
-                following[i] = value
-            for i in range(n):
-                x[i] = following[i]
+                states[lane, k, 0], states[lane, k, 1] = x0, x1
+                states[lane, k, 2], states[lane, k, 3] = x2, x3
+            x0, x1, x2, x3 = (
+                e0 + (a0 * x0 + a1 * x1) + (a2 * x2 + a3 * x3),
+                e1 + (b0 * x0 + b1 * x1) + (b2 * x2 + b3 * x3),
+                e2 + (c0 * x0 + c1 * x1) + (c2 * x2 + c3 * x3),
+                e3 + (d0 * x0 + d1 * x1) + (d2 * x2 + d3 * x3),
+            )
 
 
 @compiled

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.linear.forms import Floats, denominator, poles_of
-from sysid.linear.output_error import best_search, coefficients, first_cost, shortened
+from sysid.linear.output_error import coefficients
 from sysid.linear.reduction import Structure
+from sysid.linear.restarts import best_search, first_cost, shortened
 from sysid.linear.search import Search
 from sysid.physics.linear_form import discretise
 from sysid.physics.problem import Problem

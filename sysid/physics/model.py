@@ -3,9 +3,20 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from sysid.errors import ModelError
-from sysid.physics.expressions import ZERO, Expression, Number, operation, substitute, symbols, text, total
+from sysid.physics.expressions import (
+    ZERO,
+    Expression,
+    Number,
+    derivative,
+    operation,
+    substitute,
+    symbols,
+    text,
+    total,
+)
 from sysid.physics.grammar import parse
 
 STATUSES = ("free", "uncertain", "fixed")
@@ -280,6 +291,12 @@ class Model:
         """Return the derivative of each state, parameters fixed at zero left out."""
         zeros = self._zeros()
         return tuple(substitute(equation.rate, zeros) for equation in self.equations)
+
+    @cached_property
+    def rate_slopes(self) -> tuple[tuple[Expression, ...], ...]:
+        """Derivatives of the rate of each state, a row, by each state."""
+        names = [state.name for state in self.states]
+        return tuple(tuple(derivative(rate, name) for name in names) for rate in self.reduced_rates())
 
     def reduced_outputs(self) -> tuple[Expression, ...]:
         """Return the expression of each output, parameters fixed at zero left out."""

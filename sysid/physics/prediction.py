@@ -48,7 +48,7 @@ def _run(fit: "PhysicsFit", u: Floats, y: Floats, used: Mask, near: Floats | Non
     last = int(np.flatnonzero(used)[-1]) + 1 if used.any() else 0
     segment = Segment(u[:last], np.where(used, y, 0.0)[:last], used[:last])
     known = fit.model.with_parameters(fixed=fit.values)
-    problem = Problem(known, (segment,), fit.period, fit.initial_state == "estimate")
+    problem = Problem(known, (segment,), fit.period, fit.initial_state == "estimate", hold=fit.hold)
     problem.use_steps(fit.substeps)
     point = problem.point(np.empty(0), None if near is None else near[np.newaxis]) if last else None
     start = problem.simulator.rest() if point is None else problem.states_of(point)[0]

@@ -8,7 +8,7 @@ from sysid.errors import ModelError
 from sysid.linear.forms import Floats
 from sysid.linear.reduction import Segment
 from sysid.physics.model import Model
-from sysid.physics.simulation import Simulator
+from sysid.physics.simulation import Simulator, linearised_poles
 
 # Logarithms of positive parameters stay within this of zero, short of overflow.
 LARGEST_LOGARITHM = 60.0
@@ -34,6 +34,8 @@ class Problem:
     noise : ndarray, shape (n_searched,), optional
         Size of the noise by which priors are weighed, for each searched parameter; priors count for
         nothing without it.
+    hold : {"zero", "smooth"}
+        What the input does between samples, see `Simulator`.
 
     A Gaussian prior of mean m and deviation s adds the row ``noise * (parameter - m) / s``: in units of the
     noise it is one more measurement.
@@ -46,14 +48,16 @@ class Problem:
         period: float,
         free_start: bool,
         noise: Floats | None = None,
+        hold: str = "zero",
     ) -> None:
         self.model, self.segments, self.period = model, segments, period
-        self.free_start = free_start
-        self.simulator = Simulator(model, period)
+        self.free_start, self.hold = free_start, hold
+        self.simulator = Simulator(model, period, hold=hold)
         self.names = self.simulator.searched
         self.parameters = tuple(model.parameter(name) for name in self.names)
         self.positive = np.array([parameter.positive for parameter in self.parameters], dtype=bool)
-        self.partial = Simulator(model, period, searched=[p.name for p in self.parameters if not p.positive])
+        either_sign = [p.name for p in self.parameters if not p.positive]
+        self.partial = Simulator(model, period, searched=either_sign, hold=hold)
         self.n_rows = sum(int(segment.used.sum()) for segment in segments)
         self.before = 1.0 if free_start else 0.0
         self.noise = noise
@@ -70,11 +74,11 @@ class Problem:
 
     def with_segments(self, segments: tuple[Segment, ...]) -> "Problem":
         """Return the same problem on other rows."""
-        return Problem(self.model, segments, self.period, self.free_start, self.noise)
+        return Problem(self.model, segments, self.period, self.free_start, self.noise, self.hold)
 
     def with_noise(self, noise: Floats) -> "Problem":
         """Return the same problem with priors weighed by another size of the noise."""
-        problem = Problem(self.model, self.segments, self.period, self.free_start, noise)
+        problem = Problem(self.model, self.segments, self.period, self.free_start, noise, self.hold)
         problem.use_steps(self.simulator.substeps)
         return problem
 
@@ -88,6 +92,16 @@ class Problem:
         plain = coordinates.copy()
         plain[self.positive] = np.exp(coordinates[self.positive])
         return self.simulator.values(dict(zip(self.names, plain.tolist(), strict=True)))
+
+    def folded(self, coordinates: Floats) -> bool:
+        """Tell whether the model rings faster than half the sampling rate, linearised where it rests.
+
+        Between samples nothing is measured: a mode above half the sampling rate looks like one below, and
+        that one is meant where the signals were filtered before they were sampled.
+        """
+        values, rest = self.values(coordinates[: len(self.names)]), self.simulator.rest()
+        poles = linearised_poles(self.model, values, rest, np.zeros(len(self.model.inputs)))
+        return bool(np.any(np.abs(poles.imag) * self.period > np.pi))
 
     def bounds(self) -> tuple[Floats, Floats]:
         """Return the bounds of a point."""

@@ -1,6 +1,5 @@
 """Read a model from a TOML file; the built-in models are such files too."""
 
-import re
 import tomllib
 from collections.abc import Mapping
 from functools import cache
@@ -10,16 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.errors import ModelError
-from sysid.physics.expressions import FUNCTIONS, ONE, Expression
+from sysid.physics.expressions import ONE, Expression
 from sysid.physics.grammar import parse
 from sysid.physics.model import Equation, Model, Output, Parameter, Prior, Term, Variable
+from sysid.physics.names import checked_name
 
 if TYPE_CHECKING:
     from sysid.physics.classes import PhysicsModel
 
 LARGEST_FILE = 100_000
 ENTRY_POINTS = "sysid.models"
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _KEYS = {
     "model": ("name", "title", "states", "inputs", "outputs", "equations", "parameters"),
     "states": ("unit", "meaning", "rest"),
@@ -211,15 +210,6 @@ def _tables(table: Table, key: str) -> list[tuple[str, Table]]:
             raise ModelError(f'{key}.{name}: is {entry!r}: give a table such as {{ unit = "m" }}')
         _check_keys(entry, key, f"{key}.{name}")
     return list(content.items())
-
-
-def checked_name(name: str, kind: str) -> str:
-    """Return a name that may stand in an equation; ModelError if it may not."""
-    if not _NAME.fullmatch(name) or len(name) > 40:
-        raise ModelError(f"{kind}.{name}: a name is a letter followed by letters, digits and _, at most 40")
-    if name in FUNCTIONS:
-        raise ModelError(f"{kind}.{name}: is the name of a function: rename it")
-    return name
 
 
 def _text(table: Table, key: str, place: str, default: str | None = None) -> str:

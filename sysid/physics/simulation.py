@@ -4,18 +4,20 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import ModelError, UsageError
 from sysid.linear.forms import Floats
-from sysid.physics.expressions import derivative, evaluate
+from sysid.physics.expressions import evaluate
 from sysid.physics.generator import Sensitivities, Simulate, Writer, compiled_kernels
-from sysid.physics.linear_form import LinearForm, discretise, linear_form
+from sysid.physics.hold import PIECES, in_columns, over_pieces, refined
+from sysid.physics.linear_form import Discrete, LinearForm, discretise, linear_form
 from sysid.physics.model import Model
 
 # Local errors of a Runge-Kutta step of length h go with (rate h)^5 / 120; 0.1 keeps a run at about 1e-6.
 LARGEST_RATE_STEP = 0.1
 MOST_SUBSTEPS = 1000
+MOST_KEPT = 16
 
 
 class Simulator:
@@ -29,8 +31,10 @@ class Simulator:
     searched : sequence of str, optional
         Parameters by which derivatives are taken; all that are not fixed by default.
     substeps : int, optional
-        Runge-Kutta steps a sample for a model that is not linear; chosen by `choose_substeps` if not
-        given.
+        Runge-Kutta steps a sample for a model that is not linear (a piece of it, where the input is smooth);
+        chosen by `choose_substeps` if not given.
+    hold : {"zero", "smooth"}
+        Between samples the input is held, or follows a cubic spline, as one that was sampled does.
 
     Examples
     --------
@@ -48,6 +52,7 @@ class Simulator:
         period: float,
         substeps: int | None = None,
         searched: Sequence[str] | None = None,
+        hold: str = "zero",
     ) -> None:
         if not (np.isfinite(period) and period > 0.0):
             raise UsageError(f"the sampling period is {period}: give a positive number of seconds")
@@ -60,6 +65,9 @@ class Simulator:
         self._positions = [self._carried.index(name) for name in self.searched]
         self.form: LinearForm | None = linear_form(model, self.searched)
         self.substeps = substeps
+        self.hold = hold
+        # The last inputs in columns: a search runs the same ones over and over.
+        self._driving: dict[int, tuple[Floats, Floats]] = {}
 
     @property
     def linear(self) -> bool:
@@ -133,13 +141,17 @@ class Simulator:
         if self.form is not None:
             from sysid.physics.kernels import affine_run
 
-            d = discretise(self.form, known, self.period, slopes=False)
-            affine_run(d.A, d.B, d.C, d.D, delayed, state, y)
+            d = self._discrete(known, slopes=False)
+            affine_run(d.A, d.B, d.C, d.D, self._driven_by(delayed), state, y)
             return y
+        pieces = PIECES if self.hold == "smooth" else 1
+        if pieces > 1:
+            delayed = refined(delayed)
+            y = np.empty((pieces * y.shape[0], y.shape[1]))
         substeps = self._substeps(known, delayed, state)
         p = np.array([known[name] for name in self._carried])
-        self._kernels[0](delayed, state, p, self.period / substeps, substeps, y)
-        return y
+        self._kernels[0](delayed, state, p, self.period / pieces / substeps, substeps, y)
+        return np.ascontiguousarray(y[::pieces])
 
     def sensitivities(
         self,
@@ -163,23 +175,50 @@ class Simulator:
         if self.form is not None:
             from sysid.physics.kernels import affine_sensitivities
 
-            d = discretise(self.form, known, self.period, slopes=True)
+            d = self._discrete(known, slopes=True)
+            delayed = self._driven_by(delayed)
+            slopes = slopes[self._positions] if self._searches_delay else slopes[:0]
+            if self.hold == "smooth" and slopes.size:
+                slopes = in_columns(slopes, axis=1)
             J = np.empty((n_rows, n_outputs, len(self.searched) + self.model.order))
             read_out = any(self.form.output_slopes)
             affine_sensitivities(
                 *(d.A, d.B, d.C, d.D, d.A_slopes, d.B_slopes),
                 *((d.C_slopes, d.D_slopes) if read_out else (d.C_slopes[:0], d.D_slopes[:0])),
-                *(delayed, slopes[self._positions] if self._searches_delay else slopes[:0], state, y, J),
+                *(delayed, slopes, state, y, J),
             )
             return y, J
-        substeps = self._substeps(known, delayed, state)
-        p = np.array([known[name] for name in self._carried])
-        J = np.empty((n_rows, n_outputs, p.size + self.model.order))
+        pieces = PIECES if self.hold == "smooth" else 1
         if not self._searches_delay:
             slopes = slopes[:0]
-        self._kernels[1](delayed, slopes, state, p, self.period / substeps, substeps, y, J)
+        if pieces > 1:
+            delayed, slopes = refined(delayed), refined(slopes, axis=1) if slopes.size else slopes
+            y = np.empty((pieces * n_rows, n_outputs))
+        substeps = self._substeps(known, delayed, state)
+        p = np.array([known[name] for name in self._carried])
+        J = np.empty((y.shape[0], n_outputs, p.size + self.model.order))
+        self._kernels[1](delayed, slopes, state, p, self.period / pieces / substeps, substeps, y, J)
+        y, J = np.ascontiguousarray(y[::pieces]), np.ascontiguousarray(J[::pieces])
         chosen = [*self._positions, *range(p.size, p.size + self.model.order)]
         return y, J if len(chosen) == J.shape[2] else np.ascontiguousarray(J[:, :, chosen])
+
+    def _discrete(self, values: Mapping[str, float], *, slopes: bool) -> Discrete:
+        """Return the exact recursion over a sample."""
+        assert self.form is not None
+        if self.hold == "zero":
+            return discretise(self.form, values, self.period, slopes=slopes)
+        return over_pieces(discretise(self.form, values, self.period / PIECES, slopes=slopes))
+
+    def _driven_by(self, delayed: Floats) -> Floats:
+        """Return what drives the recursion over a sample."""
+        if self.hold == "zero":
+            return delayed
+        kept = self._driving.get(id(delayed))
+        if kept is None or kept[0] is not delayed:
+            if len(self._driving) > MOST_KEPT:
+                self._driving.clear()
+            kept = self._driving[id(delayed)] = (delayed, in_columns(delayed))
+        return kept[1]
 
     def delayed_input(self, u: ArrayLike, values: Mapping[str, float], before: float = 0.0) -> Floats:
         """Return the input as the equations see it, behind its delays; same shape.
@@ -240,7 +279,8 @@ class Simulator:
 
     def _substeps(self, values: Mapping[str, float], u: Floats, state: Floats) -> int:
         if self.substeps is None:
-            self.substeps = choose_substeps(self.model, values, self.period, u, state)
+            period = self.period / (PIECES if self.hold == "smooth" else 1)
+            self.substeps = choose_substeps(self.model, values, period, u, state)
         return self.substeps
 
 
@@ -252,16 +292,10 @@ def choose_substeps(
     The rate is that at the initial state, for inputs over their range; a run that goes on to faster
     states is checked by halving the step (see `step_error`).
     """
-    rates = model.reduced_rates()
-    names = [variable.name for variable in model.states]
-    slopes = [[derivative(rate, name) for name in names] for rate in rates]
     fastest = 0.0
     for level in {tuple(u.min(axis=0)), tuple(u.max(axis=0))}:
-        point = dict(values) | dict(zip(names, state.tolist(), strict=True))
-        point |= dict(zip((variable.name for variable in model.inputs), level, strict=True))
-        matrix = np.array([[evaluate(entry, point) for entry in row] for row in slopes])
-        if np.isfinite(matrix).all():
-            fastest = max(fastest, float(np.abs(np.linalg.eigvals(matrix)).max(initial=0.0)))
+        rates = linearised_poles(model, values, state, np.array(level))
+        fastest = max(fastest, float(np.abs(rates).max(initial=0.0)))
     needed = int(np.ceil(fastest * period / LARGEST_RATE_STEP))
     if needed > MOST_SUBSTEPS:
         raise ModelError(
@@ -271,11 +305,23 @@ def choose_substeps(
     return max(needed, 1)
 
 
+def linearised_poles(
+    model: Model, values: Mapping[str, float], state: Floats, level: Floats
+) -> NDArray[np.complex128]:
+    """Return the poles [1/s] of a model linearised at a state and an input; none where it has no slope."""
+    names = [variable.name for variable in model.states]
+    point = dict(values) | dict(zip(names, state.tolist(), strict=True))
+    point |= dict(zip((variable.name for variable in model.inputs), level.tolist(), strict=True))
+    matrix = np.array([[evaluate(entry, point) for entry in row] for row in model.rate_slopes])
+    return np.linalg.eigvals(matrix) if np.isfinite(matrix).all() else np.empty(0, dtype=np.complex128)
+
+
 def step_error(simulator: Simulator, values: Mapping[str, float], u: ArrayLike, start: ArrayLike) -> float:
     """Return how much half the step changes the output, relative to the output's size; 0 if exact."""
     if simulator.linear:
         return 0.0
     coarse = simulator.run(values, u, start)
-    fine = Simulator(simulator.model, simulator.period, 2 * (simulator.substeps or 1)).run(values, u, start)
+    twice = Simulator(simulator.model, simulator.period, 2 * (simulator.substeps or 1), hold=simulator.hold)
+    fine = twice.run(values, u, start)
     size = float(np.std(fine)) or 1.0
     return float(np.sqrt(np.mean((coarse - fine) ** 2))) / size

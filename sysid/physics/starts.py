@@ -36,12 +36,15 @@ def starting_points(problem: Problem, count: int, batch: int = 0) -> list[Floats
     found: list[Draw] = []
     _add(problem, found, centre)
     given = found.copy()
+    elsewhere = problem.folded(centre)  # start values that ring so fast are meant so
     for share in ROUNDS[:1] if near else ROUNDS:
         centres = [point for _, point in found[:SURVIVORS]] if share < 1.0 and found else [centre]
         for number in range(FEW_DRAWS if near else DRAWS):
             base = centres[number % len(centres)][: centre.size]
             draw = base + share * width * generator.uniform(-1.0, 1.0, centre.size)
-            _add(problem, found, np.clip(draw, low, high))
+            draw = np.clip(draw, low, high)
+            if elsewhere or not problem.folded(draw):
+                _add(problem, found, draw)
         found.sort(key=_cost)
         if share == 1.0:
             given += [(cost, point) for cost, point in found[:SURVIVORS]]

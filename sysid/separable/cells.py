@@ -303,7 +303,7 @@ def sweep(
     lower, upper : float
         Range of the parameter.
     offset, slope, knot, sample, new_offset, new_slope : ndarray
-        The signal as `sysid.nonlinearities.pieces.AffinePieces` describes it.
+        The signal as `sysid.separable.pieces.AffinePieces` describes it.
     longest : float
         Smooth cells longer than this are examined in several parts.
 

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import IdentifiabilityError, UsageError
-from sysid.nonlinearities.pieces import AffinePieces
 from sysid.separable import cells
 from sysid.separable.descent import Status
 from sysid.separable.estimate import SeparableFit
 from sysid.separable.factor import finite, project, triangle
+from sysid.separable.pieces import AffinePieces
 from sysid.separable.polish import polish
 
 Floats = NDArray[np.float64]

@@ -117,14 +117,6 @@ class Criterion:
         kernels.equation_error_gradient(theta, residual, self.order, found)
         return found
 
-    def relative_gradient(self, y: ArrayLike) -> Floats:
-        """Return the gradient of J_y^2 / ||Q y||^2, shape (n_samples,)."""
-        sequence = np.asarray(y, dtype=np.float64)
-        energy = float(np.sum(sequence[self.order :] ** 2))
-        found = self.gradient(sequence) / energy
-        found[self.order :] -= 2 * self.value(sequence) / energy**2 * sequence[self.order :]
-        return np.asarray(found)
-
     def hessian(self, y: ArrayLike) -> Floats:
         """Return the Hessian of J_y^2, shape (n_samples, n_samples): eq. (23), corrected and fast."""
         columns, factor, theta, residual, _ = self.eliminate(y)

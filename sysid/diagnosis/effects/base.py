@@ -148,6 +148,8 @@ class Form:
         unchanged.
     smooth : bool
         Whether the output changes smoothly with the shape parameters.
+    lowest : float
+        Least value that an output map can show.
     """
 
     name: str
@@ -157,6 +159,7 @@ class Form:
     state: str = ""
     slope: str = "pointwise"
     smooth: bool = True
+    lowest: float = -np.inf
 
     @property
     def shapes(self) -> tuple[int, ...]:

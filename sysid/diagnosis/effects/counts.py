@@ -53,10 +53,23 @@ def counts(signal: Floats) -> Floats:
     spacing = 1.0 / (RESOLUTION * largest)
     first, last = 1.0 / (LARGEST * deviation), 1.0 / (SMALLEST * deviation)
     reciprocals = first + spacing * np.arange(min(int((last - first) / spacing) + 2, MOST_STEPS))
-    gathered = np.cos(2.0 * np.pi * np.outer(reciprocals, y)).mean(axis=1)
+    gathered = _mean_cosines(2.0 * np.pi * first * y, 2.0 * np.pi * spacing * y, reciprocals.size)
     before, here, after = gathered[:-2], gathered[1:-1], gathered[2:]
     peaks = np.flatnonzero((here > before) & (here >= after) & (here > SIGNIFICANT / np.sqrt(2.0 * y.size)))
     peaks = peaks[np.argsort(-here[peaks], kind="stable")][:KEPT]
     bend = before[peaks] - 2.0 * here[peaks] + after[peaks]
     shift = np.where(bend < 0.0, 0.5 * (before[peaks] - after[peaks]) / np.where(bend < 0.0, bend, -1.0), 0.0)
     return np.asarray(1.0 / (reciprocals[1 + peaks] + spacing * shift))
+
+
+def _mean_cosines(angles: Floats, steps: Floats, count: int) -> Floats:
+    """Return the mean over all angles of cos(angle + k step) for k = 0, 1, ..., count - 1.
+
+    The steps are taken in blocks, so that of each angle only twice the root of so many cosines are needed:
+    cos(a + b) = cos(a) cos(b) - sin(a) sin(b).
+    """
+    block = int(np.ceil(np.sqrt(count)))
+    coarse = angles + block * np.outer(np.arange(-(-count // block)), steps)
+    fine = np.outer(np.arange(block), steps)
+    sums = np.cos(coarse) @ np.cos(fine).T - np.sin(coarse) @ np.sin(fine).T
+    return np.asarray(sums.ravel()[:count] / angles.size)

@@ -39,21 +39,22 @@ def pointer_of(drive: Drive) -> Any:
     from numba import types
     from numba.experimental import function_type
 
-    signature = drive_signature()
+    kind = drive_signature()
     address_of: Any = function_type._get_wrapper_address
-    address = address_of(drive, signature)
-    protocol: Any = types.WrapperAddressProtocol
+    address = int(address_of(drive, kind))
 
-    class Pointer(protocol):  # type: ignore[misc]
+    class Pointer:
         """The address of a compiled drive, which it keeps alive."""
 
         law = drive
+        # numba reads its type here; it would build the type anew in every call otherwise.
+        _numba_type_ = types.FunctionType(kind)
 
         def __wrapper_address__(self) -> int:
-            return int(address)
+            return address
 
         def signature(self) -> Any:
-            return signature
+            return kind
 
     return Pointer()
 

@@ -123,7 +123,7 @@ EFFECTS = (
         "the measured output never goes below zero and is reflected there",
         "out_saturation at zero is flat, not reflected; out_quadratic bends smoothly",
         SENSORS,
-        (Form("full-wave", (), _rectify), Form("half-wave", (), _half_wave)),
+        (Form("full-wave", (), _rectify, lowest=0.0), Form("half-wave", (), _half_wave, lowest=0.0)),
     ),
     Effect(
         "out_quadratic",

@@ -9,13 +9,14 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.ports.loop import Loop
-from sysid.diagnosis.ports.plants import PORTS, Port, plant_of
+from sysid.diagnosis.ports.opening import plant_of
+from sysid.diagnosis.ports.plants import PORTS, Port
 from sysid.diagnosis.ports.reversals import change_at_reversal
 from sysid.diagnosis.ports.search import PortFit, enough_rows, fit_baseline, fit_port
 from sysid.diagnosis.ports.stretches import make_stretches
 from sysid.diagnosis.ports.uncertainty import Shape, explained, judged_errors, shape_of, with_bias
 from sysid.diagnosis.scores import finite
-from sysid.diagnosis.wording import percent, quantity
+from sysid.diagnosis.wording import NORMAL_95, percent, quantity
 from sysid.errors import UsageError
 from sysid.linear.forms import Floats
 
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from sysid.linear.output_error import OutputErrorFit
     from sysid.physics.fit import PhysicsFit
 
-BAND = 1.959963984540054  # 97.5 % quantile of the normal distribution
 # Below this share a port is said to explain nothing.
 NOTHING = 0.02
 # A coarser or another curve is shown instead if it removes so much more of the judged error.
@@ -170,7 +170,7 @@ def explore_ports(
     plant = plant_of(model)
     stretches = make_stretches(record, plant, record.validation if rows is None else np.asarray(rows, bool))
     found = plant.ports(record, ports)
-    curves = []
+    curves, known = [], None
     with threadpool_limits(1):  # blocks are small: further threads only wait for one another
         for number, port in enumerate(found):
             if progress is not None:
@@ -178,7 +178,8 @@ def explore_ports(
             if not enough_rows(plant, stretches):
                 curves.append(_blank(record, port, "it has too few rows"))
                 continue
-            baseline = fit_baseline(plant, port, stretches)
+            baseline = fit_baseline(plant, port, stretches, known)
+            known = baseline[1]
             curves.append(_curve(record, port, baseline, fit_port(port, baseline)))
     if progress is not None:
         progress(len(found), len(found))
@@ -223,8 +224,8 @@ def _curve(record: Record, port: Port, baseline: tuple[Loop, Floats], fits: list
         interval=interval,
         value=shape.value,
         centre=shape.centre,
-        lower=shape.centre - BAND * shape.spread,
-        upper=shape.centre + BAND * shape.spread,
+        lower=shape.centre - NORMAL_95 * shape.spread,
+        upper=shape.centre + NORMAL_95 * shape.spread,
         density=shape.density,
         knots=fit.loop.knots,
         status=_status(fit, moved := _improves(fit, baseline)),

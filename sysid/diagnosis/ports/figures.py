@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid.diagnosis.drawing import NARROW, WIDE, Picture, drawn_picture, legend
 from sysid.diagnosis.ports.curves import PortCurve
+from sysid.diagnosis.wording import percent
 from sysid.reporting.style import COLOURS, GREY, subplots
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.figures import Picture
-    from sysid.diagnosis.models import CurveView, MapView
+    from sysid.diagnosis.fitted_model import CurveView, MapView
     from sysid.linear.forms import Floats
 
-WIDE, NARROW = 7.2, 3.7
 PANEL_HEIGHT, MAP_HEIGHT = 3.1, 4.6
 # Where the density is below this share of its largest value, the curve is drawn as a guess.
 SPARSE = 0.02
@@ -62,15 +62,13 @@ def ports_figure(curves: Sequence[PortCurve], width: float = WIDE) -> tuple[Any,
     return figure, "What a static map at each port would have to look like", reading
 
 
-def ports_picture(curves: Sequence[PortCurve]) -> "Picture":
+def ports_picture(curves: Sequence[PortCurve]) -> Picture:
     """Draw the figure for wide and narrow screens, as SVG.
 
     Parameters
     ----------
     curves : sequence of PortCurve
     """
-    from sysid.diagnosis.figures import drawn_picture
-
     return drawn_picture(partial(ports_figure, curves))
 
 
@@ -84,8 +82,6 @@ def map_figure(view: "MapView", width: float = WIDE) -> tuple[Any, str, str]:
         Width of the figure [inch].
     """
     figure, (top, middle, bottom) = subplots(3, 1, width=width, height=MAP_HEIGHT, height_ratios=(4, 2, 1))
-    from sysid.diagnosis.figures import legend
-
     _panel(top, bottom, view, "map of the model")
     legend(top)
     dense = view.density > SPARSE * view.density.max()
@@ -129,8 +125,6 @@ def _limit(axes: Any, lower: "Floats", upper: "Floats") -> None:
 
 
 def _heading(curve: PortCurve) -> str:
-    from sysid.diagnosis.wording import percent
-
     return f"{curve.port}: at most {percent(curve.explains_at_most)} of the error"
 
 

@@ -237,14 +237,18 @@ class Loop:
 
     def with_best_starts(self, point: Floats) -> Floats:
         """Return the point with the initial states that fit best while the plant stands alone."""
-        first = self.n_plant + self.n_weights
-        if first == point.size:
+        if self.n_plant + self.n_weights == point.size:
             return point
-        J, r = self.jacobian(point)[:, first:], self.residual(point)
-        scale = np.linalg.norm(J, axis=0)
-        scale[scale == 0.0] = 1.0
-        better = point.copy()
-        better[first:] -= np.linalg.lstsq(J / scale, r, rcond=DEPENDENT)[0] / scale
+        better, place, n = point.copy(), self.n_plant + self.n_weights, self.plant.order
+        parts = zip(self.residual_parts(point), self.jacobian_parts(point), strict=True)
+        for stretch, (r, J) in zip(self.stretches, parts, strict=True):
+            if not (stretch.free and stretch.fitted.any()):
+                continue
+            own = J[stretch.fitted, place : place + n]  # of no other stretch
+            scale = np.linalg.norm(own, axis=0)
+            scale[scale == 0.0] = 1.0
+            better[place : place + n] -= np.linalg.lstsq(own / scale, r, rcond=DEPENDENT)[0] / scale
+            place += n
         return better
 
     def _orthogonal_combinations(self, point: Floats) -> Floats:

@@ -12,7 +12,8 @@ from sysid.errors import ModelError
 from sysid.linear.forms import Floats
 from sysid.physics.expressions import symbols
 from sysid.physics.fit import PhysicsFit
-from sysid.physics.linear_form import discretise, linear_form
+from sysid.physics.hold import PIECES, in_columns, over_pieces
+from sysid.physics.linear_form import Discrete, discretise, linear_form
 from sysid.physics.model import Model, Variable
 from sysid.physics.simulation import Simulator
 
@@ -45,6 +46,7 @@ class PhysicsPlant:
             )
         self.form = form
         self.simulator = Simulator(model, fit.period, searched=self.names)
+        self.smooth = fit.hold == "smooth"
         self.positive = np.array([model.parameter(name).positive for name in self.names], dtype=bool)
         plain = np.array([fit.values[name] for name in self.names])
         self.start = np.where(self.positive, np.log(np.where(self.positive, plain, 1.0)), plain)
@@ -84,41 +86,67 @@ class PhysicsPlant:
 
     def channels(self, u: Floats) -> Floats:
         """Return the inputs as the equations see them, and a constant."""
-        held = self.simulator.delayed_input(u, self.fit.values, float(self.free_start))
+        held = self._delayed(u)
+        if self.smooth:
+            held = in_columns(held)
         return np.ascontiguousarray(np.hstack([held, np.ones((u.shape[0], 1))]))
 
     def map_input(self, u: Floats, channel: int) -> Floats:
         """Return the input behind its delay, where the map then acts."""
-        return np.ascontiguousarray(self.channels(u)[:, channel])
+        return np.ascontiguousarray(self._delayed(u)[:, channel])
+
+    def _delayed(self, u: Floats) -> Floats:
+        return self.simulator.delayed_input(u, self.fit.values, float(self.free_start))
 
     def matrices(self, parameters: Floats, port: Port) -> Matrices | None:
-        """Return the exact recursion for inputs and force held between samples.
+        """Return the exact recursion for inputs as in the fit and a force held between samples.
 
         The force is that of the state half a sample ahead, as the plant without it would be: held
         from the state at the sample it would lag by half a sample and take damping away.
         """
-        d = discretise(self.form, self.values(parameters), self.period, slopes=True)
+        d = self._discrete(parameters, 1.0)
         if not (np.isfinite(d.A).all() and np.isfinite(d.A_slopes).all()):
             return None
         n_inputs = len(self.fit.model.inputs)
         P = len(self.names)
+        # The missing force is one more input behind those of the model, with pieces of its own if they have.
         kept = [*range(n_inputs), n_inputs + 1]
         force = port.channel if port.kind == "input" else n_inputs
+        held, read = [force], force
+        if self.smooth:
+            first = (n_inputs + 1) * PIECES
+            kept = [*range(n_inputs * PIECES), *range(first, first + n_inputs), first + n_inputs + 1]
+            held, read = [*range(force * PIECES, (force + 1) * PIECES)], first + force
         chain = np.where(self.positive, np.exp(np.where(self.positive, parameters, 0.0)), 1.0)
-        half = discretise(self.form, self.values(parameters), 0.5 * self.period, slopes=True)
+        half = self._discrete(parameters, 0.5)
         H, dH = half.A[port.state].copy(), half.A_slopes[:, port.state] * chain[:, np.newaxis]
         K, dK = half.B[port.state, kept], half.B_slopes[:, port.state][:, kept] * chain[:, np.newaxis]
         behind = port.mode == BEHIND
         scale = chain[:, np.newaxis]
-        E, G = np.ascontiguousarray(d.B[:, force]), 1.0 if behind else float(d.D[0, force])
-        dG = np.zeros(P) if behind else d.D_slopes[:, 0, force] * chain
+        E, G = d.B[:, held].sum(axis=-1), 1.0 if behind else float(d.D[0, read])
+        dG = np.zeros(P) if behind else d.D_slopes[:, 0, read] * chain
         dB, dC = d.B_slopes * chain[:, np.newaxis, np.newaxis], d.C_slopes[:, 0] * scale
         dA, dD = d.A_slopes * chain[:, np.newaxis, np.newaxis], d.D_slopes[:, 0, kept] * scale
-        dE = np.ascontiguousarray(dB[:, :, force])
+        dE = dB[:, :, held].sum(axis=-1)
+        if self.smooth and port.kind == "input":
+            # The map's output goes straight from s(k) to s(k+1): x(k+1) = A x + E0 s(k) + E1 s(k+1) is
+            # E = E0 + A E1, G = G + C E1 for the state x(k) - E1 s(k).
+            late = (np.arange(PIECES) + 0.5) / PIECES
+            E1, dE1 = d.B[:, held] @ late, dB[:, :, held] @ late
+            E, dE = E - E1 + d.A @ E1, dE - dE1 + dA @ E1 + dE1 @ d.A.T
+            G, dG = G + float(d.C[0] @ E1), dG + dC @ E1 + dE1 @ d.C[0]
         return Matrices(
             (d.A, np.ascontiguousarray(d.B[:, kept]), d.C[0].copy(), d.D[0, kept], E, G, H, K),
             (dA, np.ascontiguousarray(dB[:, :, kept]), dC, dD, dE, dG, dH, dK),
         )
+
+    def _discrete(self, parameters: Floats, share: float) -> Discrete:
+        """Return the recursion over a share of a sample: half or all of it."""
+        values = self.values(parameters)
+        if not self.smooth:
+            return discretise(self.form, values, share * self.period, slopes=True)
+        piece = discretise(self.form, values, self.period / PIECES, slopes=True)
+        return over_pieces(piece, round(share * PIECES))
 
 
 def mechanical_states(model: Model) -> tuple[int, int]:

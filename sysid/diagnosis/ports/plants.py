@@ -2,16 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from sysid.data import Record
 from sysid.diagnosis.ports.kernels import KNOWN
-from sysid.errors import UsageError
 from sysid.linear.forms import Floats
-
-if TYPE_CHECKING:
-    from sysid.linear.output_error import OutputErrorFit
-    from sysid.physics.fit import PhysicsFit
 
 PORTS = ("input", "output", "position", "velocity")
 
@@ -97,29 +92,3 @@ class Plant(Protocol):
 
     def matrices(self, parameters: Floats, port: Port) -> Matrices | None:
         """Return the matrices; None if there are none for these parameters."""
-
-
-def plant_of(model: "OutputErrorFit | PhysicsFit") -> Plant:
-    """Return the plant of a fitted model.
-
-    Raises
-    ------
-    ModelError
-        If a physical model is not linear in state and input.
-    UsageError
-        If the model is of another kind.
-    """
-    from sysid.linear.output_error import OutputErrorFit
-    from sysid.physics.fit import PhysicsFit
-
-    if isinstance(model, OutputErrorFit):
-        from sysid.diagnosis.ports.linear_plant import LinearPlant
-
-        return LinearPlant(model)
-    if isinstance(model, PhysicsFit):
-        from sysid.diagnosis.ports.physics_plant import PhysicsPlant
-
-        return PhysicsPlant(model)
-    raise UsageError(
-        f"the model is of type {type(model).__name__}: give the result of fit_output_error or fit_physics"
-    )

@@ -4,13 +4,13 @@ import numpy as np
 
 from sysid.diagnosis.ports.uncertainty import Shape
 from sysid.diagnosis.regions import NEAR_ZERO
+from sysid.diagnosis.wording import NORMAL_95
 from sysid.linear.forms import Floats
 
 # Places whose data are less dense than this share of the mean tell nothing.
 SPARSE = 0.02
 # The change around zero stands out if it is so many times the largest one elsewhere.
 STANDS_OUT = 2.0
-QUANTILE = 1.959963984540054
 
 
 def change_at_reversal(shape: Shape) -> tuple[float, float] | None:
@@ -48,7 +48,7 @@ def change_at_reversal(shape: Shape) -> tuple[float, float] | None:
         return None
     centre, spread = _at(shape.centre, value, speed), _at(shape.spread, value, speed)
     change = abs(float(centre[1] - centre[0]))
-    if change <= QUANTILE * float(spread.sum()):
+    if change <= NORMAL_95 * float(spread.sum()):
         return None
     width = max(round(2.0 * speed / step), 1)
     first, last = value[:-width], value[width:]

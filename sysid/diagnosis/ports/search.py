@@ -53,11 +53,18 @@ def enough_rows(plant: Plant, stretches: tuple[Stretch, ...]) -> bool:
     return sum(int(s.fitted.sum()) for s in stretches) >= FEWEST_ROWS_PER_UNKNOWN * unknowns
 
 
-def fit_baseline(plant: Plant, port: Port, stretches: tuple[Stretch, ...]) -> tuple[Loop, Floats]:
-    """Fit the plant alone to the stretches: what a port's error is compared with."""
+def fit_baseline(
+    plant: Plant, port: Port, stretches: tuple[Stretch, ...], known: Floats | None = None
+) -> tuple[Loop, Floats]:
+    """Fit the plant alone to the stretches: what a port's error is compared with.
+
+    Without a map all ports are alike, so the point that was found at another one is ``known``.
+    """
     fed = tuple(np.zeros(s.y.size) for s in stretches)
     nothing = np.zeros((DEGREE + 1, 0))
     loop = Loop(plant, port.known(), stretches, np.array([0.0, 1.0]), nothing, np.zeros((0, 0)), fed)
+    if known is not None:
+        return loop, known
     n_starts = sum(plant.order for s in stretches if s.free and s.fitted.any())
     start = loop.with_best_starts(np.concatenate([plant.start, np.zeros(n_starts)]))
     minimum = loop.descend(start, EVALUATIONS)

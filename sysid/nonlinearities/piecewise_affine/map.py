@@ -6,7 +6,6 @@ separators, is the greatest, so that they are convex, do not overlap and leave n
 """
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -204,17 +203,6 @@ class PiecewiseAffineMap:
             raise UsageError(f"piecewise affine map: region {region} of {self.regions} was asked for")
         others = np.delete(np.arange(self.regions), region)
         return self.separators[others] - self.separators[region], others < region
-
-    def reordered(self, order: Sequence[int] | Labels) -> "PiecewiseAffineMap":
-        """Return the same map with its submodels in another order: new mode k was ``order[k]``."""
-        order = np.asarray(order, dtype=np.intp)
-        if sorted(order.tolist()) != [*range(self.modes)]:
-            raise UsageError(
-                f"piecewise affine map: {order.tolist()} does not name each of {self.modes} modes once"
-            )
-        owners = np.argsort(order)[self.owners]
-        rows = np.argsort(owners, kind="stable")
-        return PiecewiseAffineMap(self.theta[order], self.separators[rows], owners[rows])
 
     def to_json(self) -> str:
         """Return the map as text that `from_json` reads without loss."""

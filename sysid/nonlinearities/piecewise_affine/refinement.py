@@ -83,11 +83,11 @@ def _classify(
             if fits[k, i]:
                 count += 1
                 last = i
-        decided[k] = last if count == 1 else (-1 if count == 0 else -2)
+        decided[k] = last if count == 1 else (INFEASIBLE if count == 0 else UNDECIDED)
         labels[k] = decided[k]
     votes = np.empty(modes, np.intp)
     for k in range(n):
-        if decided[k] != -2:
+        if decided[k] != UNDECIDED:
             continue
         votes[:] = 0
         cast = 0
@@ -115,7 +115,7 @@ def _joined(
             both = (labels == i) | (labels == j)
             if not both.any():
                 continue
-            joint = np.where(both, 0, -1)
+            joint = np.where(both, 0, INFEASIBLE)
             one = points.fitted(joint, 1)[0]
             explained = _within(points, one[0], delta, both)
             apart = _within(points, theta[i], delta, labels == i) + _within(

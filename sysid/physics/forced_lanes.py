@@ -1,0 +1,325 @@
+"""Runs of a plant with added forces side by side: the same arithmetic on several at a time.
+
+A step is one loop over lanes of arithmetic without branches or calls, which the compiler turns into
+vector instructions.  Only where dry friction changes its state within a step does a lane go through the
+events of `sysid.physics.forced_kernels`, alone.  The law and the method are those of `forced_runs` there;
+results differ by rounding.
+"""
+
+import math
+from typing import Any, cast
+
+import numba
+import numpy as np
+
+from sysid._compile import Kernel, compiled
+from sysid.linear.forms import Floats
+from sysid.physics import forced_kernels as fk
+from sysid.physics.forced_kernels import (
+    MOST_CHATTER,
+    MOST_STATES,
+    SMOOTH,
+    STUCK,
+    cut_step,
+    margin,
+    mode_at_zero,
+)
+
+# Lanes side by side: a vector of the widest instructions, or two of the usual ones.
+WIDTH = 8
+# So few lanes are not worth a whole vector.
+FEW = 1
+# Where things stand, in blocks of WIDTH: the coefficients of `forced_kernels`, states, side, motion.
+Z, SIDE, MOVING = fk.SIZE, fk.SIZE + MOST_STATES + 1, fk.SIZE + MOST_STATES + 2
+BLOCKS = MOVING + 1
+# exp(-FARTHEST) is nothing beside 1.
+FARTHEST = 40.0
+# pi in two parts, of which the first has so few digits that small multiples of it are exact.
+PI_HEAD, PI_TAIL = 3.14159265160560607910, 1.98418714791870343106e-9
+
+_first, _second = fk.FIRST_CAP, fk.SECOND_CAP
+_steady, _drive, _push, _read = fk.STEADY, fk.DRIVE, fk.PUSH, fk.READ
+
+
+def branchless(function: Kernel) -> Kernel:
+    """Compile a function into its callers, without the branch of a check for division by zero."""
+    return cast(Kernel, numba.njit(forceinline=True, nogil=True, error_model="numpy")(function))
+
+
+@branchless
+def falling(t: float) -> float:
+    """Return exp(-t) for t >= 0: Taylor's series of a sixty-fourth of t, squared six times."""
+    r = -min(t, FARTHEST) / 64.0
+    s = 1.0 + r * (1.0 / 15.0)
+    s = 1.0 + r * (1.0 / 14.0) * s
+    s = 1.0 + r * (1.0 / 13.0) * s
+    s = 1.0 + r * (1.0 / 12.0) * s
+    s = 1.0 + r * (1.0 / 11.0) * s
+    s = 1.0 + r * (1.0 / 10.0) * s
+    s = 1.0 + r * (1.0 / 9.0) * s
+    s = 1.0 + r * (1.0 / 8.0) * s
+    s = 1.0 + r * (1.0 / 7.0) * s
+    s = 1.0 + r * (1.0 / 6.0) * s
+    s = 1.0 + r * (1.0 / 5.0) * s
+    s = 1.0 + r * (1.0 / 4.0) * s
+    s = 1.0 + r * (1.0 / 3.0) * s
+    s = 1.0 + r * (1.0 / 2.0) * s
+    s = 1.0 + r * s
+    s *= s
+    s *= s
+    s *= s
+    s *= s
+    s *= s
+    return s * s
+
+
+@branchless
+def hyperbolic_tangent(x: float) -> float:
+    """Return tanh(x), to rounding beside 1."""
+    e = falling(2.0 * abs(x))
+    t = (1.0 - e) / (1.0 + e)
+    return t if x > 0.0 else -t
+
+
+@branchless
+def sine(x: float) -> float:
+    """Return sin(x): the multiple of pi next to x is taken off, then Taylor's series."""
+    turns = np.floor(x * (1.0 / math.pi) + 0.5)
+    r: float = (x - turns * PI_HEAD) - turns * PI_TAIL
+    q = r * r
+    s = 1.0 - q * (1.0 / (18.0 * 19.0))
+    s = 1.0 - q * (1.0 / (16.0 * 17.0)) * s
+    s = 1.0 - q * (1.0 / (14.0 * 15.0)) * s
+    s = 1.0 - q * (1.0 / (12.0 * 13.0)) * s
+    s = 1.0 - q * (1.0 / (10.0 * 11.0)) * s
+    s = 1.0 - q * (1.0 / (8.0 * 9.0)) * s
+    s = 1.0 - q * (1.0 / (6.0 * 7.0)) * s
+    s = 1.0 - q * (1.0 / (4.0 * 5.0)) * s
+    s = 1.0 - q * (1.0 / (2.0 * 3.0)) * s
+    odd = turns - 2.0 * np.floor(0.5 * turns)
+    sign: float = 1.0 - 2.0 * odd
+    return sign * r * s
+
+
+@branchless
+def lane_rates(
+    w: Floats, i: int, n: int, same: bool, curved: bool, z: Any, side: float, moving: float
+) -> Any:
+    """Return the derivative of states and memory of one lane, as `forced_kernels.rates` does."""
+    z0, z1, z2, z3, memory = z
+    first_cap = w[_first * WIDTH + i]
+    s0, s1 = min(z0, first_cap), min(z1, w[_second * WIDTH + i])
+    root = w[fk.ROOT * WIDTH + i] != 0.0
+    r0, r1 = math.sqrt(max(s0, 0.0)), math.sqrt(max(s1, 0.0))
+    t0, t1 = (r0 if root else s0), (r1 if root else s1)
+    position = z0 if same else z1
+    forward, back = w[fk.FRICTION_FORWARD * WIDTH + i], w[fk.FRICTION_BACK * WIDTH + i]
+    dry = forward if side > 0.0 else back
+    force = w[fk.CONSTANT * WIDTH + i] - w[fk.DRAG * WIDTH + i] * z0 * abs(z0)
+    force -= w[fk.CUBIC * WIDTH + i] * position * position * position
+    force -= w[fk.YIELD * WIDTH + i] * memory
+    factor = 1.0
+    if curved:
+        ratio = z0 / w[fk.STRIBECK_SPEED * WIDTH + i]
+        dry += w[fk.BREAKAWAY * WIDTH + i] * falling(ratio * ratio)
+        force -= w[fk.GRAVITY * WIDTH + i] * sine(w[fk.WAVE_NUMBER * WIDTH + i] * position)
+        output = w[_read * WIDTH + i] * s0 + w[(_read + 1) * WIDTH + i] * s1
+        output += (
+            w[(_read + 2) * WIDTH + i] * z2 + w[(_read + 3) * WIDTH + i] * z3 + w[(_read + 4) * WIDTH + i]
+        )
+        factor += w[fk.GAIN * WIDTH + i] * hyperbolic_tangent(output / w[fk.GAIN_SCALE * WIDTH + i])
+    force -= side * dry
+    d0 = w[_steady * WIDTH + i] + factor * w[_drive * WIDTH + i] + w[_push * WIDTH + i] * force
+    d1 = (
+        w[(_steady + 1) * WIDTH + i]
+        + factor * w[(_drive + 1) * WIDTH + i]
+        + w[(_push + 1) * WIDTH + i] * force
+    )
+    d0 += w[i] * t0 + w[WIDTH + i] * t1
+    d1 += w[4 * WIDTH + i] * t0 + w[5 * WIDTH + i] * t1
+    d2 = 0.0
+    d3 = 0.0
+    if n > 2:
+        d0 += w[2 * WIDTH + i] * z2 + w[3 * WIDTH + i] * z3
+        d1 += w[6 * WIDTH + i] * z2 + w[7 * WIDTH + i] * z3
+        d2 = w[(_steady + 2) * WIDTH + i] + factor * w[(_drive + 2) * WIDTH + i]
+        d2 += w[(_push + 2) * WIDTH + i] * force + w[8 * WIDTH + i] * t0 + w[9 * WIDTH + i] * t1
+        d2 += w[10 * WIDTH + i] * z2 + w[11 * WIDTH + i] * z3
+        d3 = w[(_steady + 3) * WIDTH + i] + factor * w[(_drive + 3) * WIDTH + i]
+        d3 += w[(_push + 3) * WIDTH + i] * force + w[12 * WIDTH + i] * t0 + w[13 * WIDTH + i] * t1
+        d3 += w[14 * WIDTH + i] * z2 + w[15 * WIDTH + i] * z3
+    caught = w[fk.CAUGHT * WIDTH + i] * max(d0, 0.0)
+    d1 += caught if z0 >= first_cap else 0.0
+    # Here the stiffness of the elastic-plastic element stands divided by its yield force.
+    change = w[fk.ELASTIC * WIDTH + i] * (z0 - abs(z0) * memory)
+    return moving * d0, d1, d2, d3, change
+
+
+@branchless
+def ahead(z: Any, d: Any, step: float) -> Any:
+    """Return the state moved along a rate."""
+    return (
+        z[0] + step * d[0],
+        z[1] + step * d[1],
+        z[2] + step * d[2],
+        z[3] + step * d[3],
+        z[4] + step * d[4],
+    )
+
+
+@branchless
+def lane_step(w: Floats, i: int, n: int, same: bool, curved: bool, step: float, after: Floats) -> None:
+    """Fill ``after`` with the state of one lane after a classical Runge-Kutta step."""
+    side, moving = w[SIDE * WIDTH + i], w[MOVING * WIDTH + i]
+    x0, x1, x2 = w[Z * WIDTH + i], w[(Z + 1) * WIDTH + i], w[(Z + 2) * WIDTH + i]
+    x = (x0, x1, x2, w[(Z + 3) * WIDTH + i], w[(Z + 4) * WIDTH + i])
+    a = lane_rates(w, i, n, same, curved, x, side, moving)
+    b = lane_rates(w, i, n, same, curved, ahead(x, a, 0.5 * step), side, moving)
+    c = lane_rates(w, i, n, same, curved, ahead(x, b, 0.5 * step), side, moving)
+    d = lane_rates(w, i, n, same, curved, ahead(x, c, step), side, moving)
+    sixth = step / 6.0
+    after[i] = x[0] + sixth * (a[0] + 2.0 * (b[0] + c[0]) + d[0])
+    after[WIDTH + i] = x[1] + sixth * (a[1] + 2.0 * (b[1] + c[1]) + d[1])
+    after[2 * WIDTH + i] = x[2] + sixth * (a[2] + 2.0 * (b[2] + c[2]) + d[2])
+    after[3 * WIDTH + i] = x[3] + sixth * (a[3] + 2.0 * (b[3] + c[3]) + d[3])
+    after[4 * WIDTH + i] = x[4] + sixth * (a[4] + 2.0 * (b[4] + c[4]) + d[4])
+
+
+@compiled
+def step_of_all(w: Floats, n: int, same: bool, curved: bool, step: float, after: Floats, width: int) -> None:
+    """Step the first ``width`` lanes; each case is a loop of its own, or it would not become vectors."""
+    if n > 2:
+        if curved:
+            for i in range(width):
+                lane_step(w, i, 4, same, True, step, after)
+        else:
+            for i in range(width):
+                lane_step(w, i, 4, same, False, step, after)
+    elif curved:
+        for i in range(width):
+            lane_step(w, i, 2, same, True, step, after)
+    else:
+        for i in range(width):
+            lane_step(w, i, 2, same, False, step, after)
+
+
+@compiled
+def state_of(z: Floats, place: int) -> Any:
+    """Return the state and memory of one lane."""
+    return z[place], z[place + WIDTH], z[place + 2 * WIDTH], z[place + 3 * WIDTH], z[place + 4 * WIDTH]
+
+
+@compiled
+def lane_runs(
+    plants: Floats,
+    n: int,
+    same: bool,
+    by_input: Floats,
+    direct: Floats,
+    u: Floats,
+    starts: Floats,
+    step: float,
+    substeps: int,
+    y: Floats,
+    states: Floats,
+) -> None:
+    """Simulate several runs; arguments as those of `forced_kernels.forced_runs`."""
+    for first in range(0, plants.shape[0], WIDTH):
+        last = min(first + WIDTH, plants.shape[0])
+        group_runs(
+            plants[first:last], n, same, by_input[first:last], direct[first:last],
+            u[first:last] if u.shape[0] > 1 else u, starts[first:last], step, substeps,
+            y[first:last], states[first:last],
+        )  # fmt: skip
+
+
+@compiled
+def group_runs(
+    plants: Floats,
+    n: int,
+    same: bool,
+    by_input: Floats,
+    direct: Floats,
+    u: Floats,
+    starts: Floats,
+    step: float,
+    substeps: int,
+    y: Floats,
+    states: Floats,
+) -> None:
+    """Simulate up to WIDTH runs."""
+    lanes, m = plants.shape[0], u.shape[2]
+    width = lanes if lanes <= FEW else WIDTH
+    w, after = np.zeros(BLOCKS * WIDTH), np.zeros((MOST_STATES + 1) * WIDTH)
+    rows = plants.copy()
+    mode, chatter = np.full(WIDTH, SMOOTH), np.zeros(WIDTH, dtype=np.int64)
+    dry, alive = np.zeros(WIDTH, dtype=np.bool_), np.zeros(WIDTH, dtype=np.bool_)
+    curved = False
+    for i in range(width):
+        lane = min(i, lanes - 1)  # what fills the vector up repeats the last lane
+        for j in range(fk.SIZE):
+            w[j * WIDTH + i] = plants[lane, j]
+        yields = plants[lane, fk.YIELD] > 0.0
+        w[fk.ELASTIC * WIDTH + i] = plants[lane, fk.ELASTIC] / plants[lane, fk.YIELD] if yields else 0.0
+        for j in range(MOST_STATES):
+            w[(Z + j) * WIDTH + i] = starts[lane, j]
+        w[MOVING * WIDTH + i] = 1.0
+        bent = plants[lane, fk.BREAKAWAY] != 0.0
+        slides = plants[lane, fk.FRICTION_FORWARD] > 0.0 or plants[lane, fk.FRICTION_BACK] > 0.0
+        dry[i], alive[i] = i < lanes and (slides or bent), i < lanes
+        curved = curved or bent or plants[lane, fk.GAIN] != 0.0 or plants[lane, fk.GRAVITY] != 0.0
+    for k in range(u.shape[1]):
+        running = False
+        for i in range(width):
+            p = Z * WIDTH + i
+            w[p] = min(w[p], w[_first * WIDTH + i])
+            w[p + WIDTH] = min(w[p + WIDTH], w[_second * WIDTH + i])
+            if not alive[i]:
+                continue
+            z = state_of(w, p)
+            source = i if u.shape[0] > 1 else 0
+            value = rows[i, _read] * z[0] + rows[i, _read + 1] * z[1] + rows[i, _read + 2] * z[2]
+            value += rows[i, _read + 3] * z[3] + rows[i, _read + 4]
+            for j in range(m):
+                value += direct[i, j] * u[source, k, j]
+            y[i, k] = value
+            if states.shape[1] > 0:
+                for j in range(MOST_STATES):
+                    states[i, k, j] = z[j]
+            if not math.isfinite(value) or chatter[i] > MOST_CHATTER * u.shape[1]:
+                y[i, k:] = np.nan
+                alive[i] = dry[i] = False
+                continue
+            running = True
+            for j in range(n):
+                rate = 0.0
+                for c in range(m):
+                    rate += by_input[i, j, c] * u[source, k, c]
+                rows[i, _drive + j] = w[(_drive + j) * WIDTH + i] = rate
+            if dry[i]:
+                mode[i] = mode_at_zero(rows[i], n, same, z) if z[0] == 0.0 else (1 if z[0] > 0.0 else -1)
+        if not running:
+            break
+        for _ in range(substeps):
+            for i in range(width):
+                if dry[i]:
+                    w[SIDE * WIDTH + i] = float(mode[i])
+                    w[MOVING * WIDTH + i] = 0.0 if mode[i] == STUCK else 1.0
+            step_of_all(w, n, same, curved, step, after, width)
+            for i in range(width):
+                if dry[i]:
+                    trial = state_of(after, i)
+                    lasts = mode[i] * trial[0] >= 0.0
+                    if mode[i] == STUCK:
+                        lasts = not margin(rows[i], n, same, trial, STUCK) < 0.0
+                    if not lasts:
+                        z = state_of(w, Z * WIDTH + i)
+                        end, mode[i], changes = cut_step(rows[i], n, same, z, mode[i], step)
+                        chatter[i] += changes
+                        for j in range(MOST_STATES + 1):
+                            after[j * WIDTH + i] = end[j]
+                else:
+                    after[i] = min(after[i], w[_first * WIDTH + i])
+                    after[WIDTH + i] = min(after[WIDTH + i], w[_second * WIDTH + i])
+            for j in range((MOST_STATES + 1) * WIDTH):
+                w[Z * WIDTH + j] = after[j]
