@@ -61,11 +61,15 @@ def errors_over_minima(
 
 
 def _shapes(chain: Chain, data: Data) -> Iterator[tuple[int, Floats]]:
-    """Yield the position of each smooth shape in a point, and its grid."""
+    """Yield the position in a point of each shape that is counted in samples, and its grid.
+
+    The numerator can stand for a shift by a sample; it cannot for a level or a width.
+    """
+    y = data.y[data.used]
     for choice, place in zip(chain.choices, chain.places(data), strict=True):
-        if choice.form.smooth:
-            grids = choice.form.starts(data.u, data.y[data.used], data.period)
-            yield from zip((place.start + shape for shape in choice.form.shapes), grids, strict=True)
+        for number, parameter in enumerate(choice.form.parameters):
+            if parameter.grid is not None and parameter.grid.scale == "period":
+                yield place.start + number, parameter.grid.values(data.u, y, data.period)
 
 
 def _neighbours(values: Floats, value: float) -> list[float]:
