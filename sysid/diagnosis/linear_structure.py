@@ -10,6 +10,7 @@ from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.levenberg import Minimum, minimise
+from sysid.diagnosis.linear_cells import within_cells
 from sysid.diagnosis.linear_chain import MOST_DRIVES, Chain, Data, too_many_drives
 from sysid.diagnosis.linear_directions import directions_of
 from sysid.diagnosis.linear_free_run import free_run
@@ -168,6 +169,8 @@ class LinearStructure:
                 break
         if minimum is None:
             return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status="it diverges")
+        if effort != 1:  # a ranking can do without
+            minimum = within_cells(chain, data, minimum, noise)
         end = "the search came to rest" if minimum.converged else "the search was still moving"
         status = f"{end}; " + ("several starts agree" if agree else "other starts ended elsewhere")
         return self._fitted(chain, data, rows, minimum, agree, status)

@@ -19,6 +19,9 @@ TRIED = 6
 # Two searches agree when their root mean square errors differ by this share, and their outputs by less than
 # that share of the error.
 AGREEMENT, OUTPUT_AGREEMENT = 1e-3, 0.05
+# What a model that lacks an effect cannot follow has many minima next to the best: after many restarts these
+# may differ by a hundredth of the squared error.
+NEARLY, NEARLY_SAME_OUTPUT = 5e-3, 0.1
 
 
 def descents(problem: Problem, starts: Sequence[Floats]) -> list[Minimum[Residual]]:
@@ -92,6 +95,11 @@ def agree(ends: Sequence[Minimum[Residual]]) -> bool:
     return sum(_same(ends[0], end) for end in ends) > 1
 
 
+def nearly_agree(ends: Sequence[Minimum[Residual]]) -> bool:
+    """Tell whether another of many searches ended next to the best."""
+    return sum(_same(ends[0], end, NEARLY, NEARLY_SAME_OUTPUT) for end in ends) > 1
+
+
 def different(ends: Sequence[Minimum[Residual]]) -> list[Minimum[Residual]]:
     """Leave out searches that have come to where a better one is already, or nearly so."""
     kept: list[Minimum[Residual]] = []
@@ -101,8 +109,13 @@ def different(ends: Sequence[Minimum[Residual]]) -> list[Minimum[Residual]]:
     return kept
 
 
-def _same(best: Minimum[Residual], end: Minimum[Residual]) -> bool:
+def _same(
+    best: Minimum[Residual],
+    end: Minimum[Residual],
+    cost: float = AGREEMENT,
+    output: float = OUTPUT_AGREEMENT,
+) -> bool:
     """Tell whether two searches ended at the same error with the same output."""
     apart = float(np.linalg.norm(end.point.residual - best.point.residual))
     error = np.sqrt(best.cost)
-    return bool(np.sqrt(end.cost) <= error * (1.0 + AGREEMENT) and apart <= OUTPUT_AGREEMENT * error)
+    return bool(np.sqrt(end.cost) <= error * (1.0 + cost) and apart <= output * error)

@@ -179,11 +179,7 @@ class Problem:
         values = np.tile(setting.known, (lanes, 1))
         values[:, setting.places] = setting.to_values(points[:, : self.n_model])
         effects = [[point[place] for place in self.effect_places] for point in points]
-        laws = self._laws(effects)
-        starts = None
-        if self.free_start and number is not None:
-            first = self.n_model + self.n_effects + number * plant.order
-            starts = points[:, first : first + plant.order]
+        laws, starts = self._laws(effects), self._starts(points, number)
         u = setting.record.u[part]
         driven = self._inputs(u, effects)
         steps = plant.substeps(values[:1], self.largest) if plant.always_steps or not self.exact else 1
@@ -201,6 +197,34 @@ class Problem:
                 found[key] = coefficients(self.choices, parameters)
             lanes.append(found[key])
         return np.array(lanes)
+
+    def _starts(self, points: Floats, number: int | None) -> Floats | None:
+        """Return the initial states of an experiment in some points; None for rest."""
+        if not self.free_start or number is None:
+            return None
+        first = self.n_model + self.n_effects + number * self.setting.plant.order
+        return points[:, first : first + self.setting.plant.order]
+
+    def moved_by_input(self, part: slice, number: int | None, point: Floats, signals: Floats) -> Floats:
+        """Return how an experiment's free run changes with small signals added to the plant's input.
+
+        Shape (n_signals, n_rows); sensors that jump are left out.  ``number`` as for `run`.
+        """
+        setting, plant = self.setting, self.setting.plant
+        lanes = signals.shape[0] + 1
+        values = np.tile(setting.known, (lanes, 1))
+        values[:, setting.places] = setting.to_values(point[: self.n_model])
+        effects = [[point[place] for place in self.effect_places]] * lanes
+        laws = self._laws(effects)
+        u = setting.record.u[part]
+        driven = self._inputs(u, effects)
+        driven = np.tile(driven, (lanes, 1, 1)) if driven.ndim == 2 else driven
+        driven[1:, :, 0] += signals
+        steps = plant.substeps(values[:1], self.largest) if plant.always_steps or not self.exact else 1
+        starts = self._starts(np.tile(point, (lanes, 1)), number)
+        runs = plant.run(values, laws, driven, starts, steps, None, self.exact)
+        y = self._outputs(runs, u[:, 0], effects, False)
+        return np.asarray(y[1:] - y[0])
 
     def _inputs(self, u: Floats, effects: Sequence[Sequence[Floats]]) -> Floats:
         """Send the first input through the effects at the input, if there are any."""

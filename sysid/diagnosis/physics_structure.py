@@ -9,6 +9,7 @@ from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
+from sysid.diagnosis.physics_cells import within_cells
 from sysid.diagnosis.physics_descents import (
     EVALUATIONS,
     TOLERANCES,
@@ -17,6 +18,7 @@ from sysid.diagnosis.physics_descents import (
     cost_of,
     descents,
     ends_beside,
+    nearly_agree,
     tried_beside,
 )
 from sysid.diagnosis.physics_directions import directions, probes
@@ -187,8 +189,10 @@ class PhysicsStructure:
         small = first_rows_of(rows, SEARCH_ROWS)
         search = problem if small.sum() == rows.sum() else self._problem((), small, WHITE, COARSE_STEP)
         ends = descents(search, starts)
-        if not agree(ends):
+        found_again = agree(ends)
+        if not found_again:
             ends = sorted([*ends, *descents(search, self._near_starts(MORE_RESTARTS))], key=cost_of)
+            found_again = agree(ends) or nearly_agree(ends)
         if not ends:
             raise ModelError(
                 f"model {self.name!r} diverges from every start: give start values nearer to the plant's"
@@ -196,7 +200,7 @@ class PhysicsStructure:
         best = ends[0]
         if search is not problem:
             best = problem.descend(moved(search, problem, best.x), EVALUATIONS[2], TOLERANCES[2])
-        return self._result(problem, best, agree(ends))
+        return self._result(problem, best, found_again)
 
     def _wide_starts(self, rows: Mask) -> list[Floats]:
         """Return starts for parameters of which little is known."""
@@ -233,7 +237,8 @@ class PhysicsStructure:
             if not np.isfinite(problem.cost(point)):  # an effect that was left out may have held it
                 return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status=DIVERGES)
             end = problem.descend(point, EVALUATIONS[effort], TOLERANCES[effort])
-            return self._result(problem, refined(problem, end, EVALUATIONS[1], TOLERANCES[effort]), True)
+            end = refined(problem, end, EVALUATIONS[1], TOLERANCES[effort])
+            return self._result(problem, within_cells(problem, end), True)
         small = first_rows_of(rows, SEARCH_ROWS)
         search, plain = problem, before
         if small.sum() < rows.sum():
@@ -251,6 +256,8 @@ class PhysicsStructure:
         if search is not problem:
             last = EVALUATIONS[2] if effort == 2 else TRIED
             best = problem.descend(moved(search, problem, best.x), last, TOLERANCES[effort])
+        if effort == 2:  # a ranking can do without
+            best = within_cells(problem, best)
         return self._result(problem, best, found_twice or effort == 1)
 
     def _problem(
