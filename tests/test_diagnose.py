@@ -162,7 +162,10 @@ def test_a_constant_force_of_the_model_itself_is_said():
     found = sysid.diagnose(
         record, "positioning-stage", initial_state="rest", effects=["constant_force", "in_saturation"]
     )
-    assert any("constant_force: already in the model, offset = 0.2" in s for s in found.sentences())
+    assert any(
+        "constant_force: a constant force is part of the model already, offset = 0.2" in s
+        for s in found.sentences()
+    )
 
 
 def test_effects_are_added_by_hand_and_offered_only_where_they_make_sense():
@@ -425,3 +428,18 @@ def test_a_file_that_is_no_model_is_refused(tmp_path):
     file.write_text('{"kind": "other"}')
     with pytest.raises(DataError, match=r"model\.json is no"):
         load(file)
+
+
+def test_a_damped_path_beside_an_effect_that_only_together_fit_is_called_unexplained():
+    """u + g |u| is a saturation of one side at zero, beside a path without any: not what is there."""
+    rng = np.random.default_rng(2)
+    n = 700
+    u = rng.uniform(-1.0, 1.0, n) + 0.25
+    x = u + 0.6 * np.abs(u)
+    y = np.zeros(n)
+    for k in range(2, n):
+        y[k] = 1.1 * y[k - 1] - 0.3 * y[k - 2] + 0.2 * x[k - 1] + 0.05 * x[k - 2]
+    y += 0.02 * np.std(y) * rng.standard_normal(n)
+    record = make_record(u, y, period=1.0)
+    found = sysid.diagnose(record, order=2, initial_state="rest", effects=["in_saturation", "extra_mode"])
+    assert found.verdict == "unexplained"

@@ -148,18 +148,21 @@ def test_friction_differs_by_direction():
     assert back == pytest.approx(-0.9, rel=1e-9)
 
 
-def test_a_presliding_contact_agrees_with_scipy():
+@pytest.mark.parametrize("bend", [0.0, -1.4, 0.6])
+def test_a_presliding_contact_agrees_with_scipy(bend):
     u, period = levels(50, 5), 0.1
+    contact = law(**{"elastic": 20.0, "yield": 0.5, "loop_bend": bend})
     x, expected = np.zeros(3), []
     for value in u:
         expected.append(x[0])
 
         def rate(_, z, value=value):
             resisting = value - MSD["c"] * z[1] - MSD["k"] * z[0] - z[2]
-            return [z[1], resisting / MSD["m"], 20.0 * (z[1] - abs(z[1]) * z[2] / 0.5)]
+            loop = z[1] * (1.0 - bend * abs(z[2]) / 0.5) - abs(z[1]) * z[2] / 0.5
+            return [z[1], resisting / MSD["m"], 20.0 * loop]
 
         x = solve_ivp(rate, (0, period), x, rtol=1e-9, atol=1e-11, max_step=0.01).y[:, -1]
-    found = run("mass-spring-damper", MSD, law(**{"elastic": 20.0, "yield": 0.5}), u, period, 32)
+    found = run("mass-spring-damper", MSD, contact, u, period, 32)
     assert np.abs(found - expected).max() < 1e-5
 
 
@@ -230,6 +233,7 @@ LAWS = {
     "gain": law(gain=0.3, gain_scale=0.5),
     "gravity": law(gravity=0.4, wave_number=30.0),
     "contact": law(**{"elastic": 5.0, "yield": 0.5}),
+    "contact bent": law(**{"elastic": 5.0, "yield": 0.5, "loop_bend": 0.4}),
     "nothing": law(),
 }
 

@@ -88,9 +88,8 @@ class Growth:
                 tie = tied(evidence, found)
             if len(grown.choices) > n_given + 1:
                 grown = pruned(evidence, exchanged(self.trials, grown, n_given), n_given)
-            no_larger = len(grown.choices) <= len(current.choices)
-            if no_larger and evidence.own_criterion(grown) >= evidence.own_criterion(current):
-                break
+            if evidence.own_criterion(grown) >= evidence.own_criterion(current):
+                break  # what was accepted has been exchanged or left out again
             fits = rungs_to(evidence.structure, evidence.rows, grown, baseline, n_given)
         return Grown(fits, trials, tie)
 

@@ -204,7 +204,7 @@ class Chain:
         self._wanted = np.ones(point.size, dtype=bool) if free is None else free
         n, places, n_linear = self.order, self.places(data), self.n_linear(data)
         J = np.zeros((self.size(data), data.u.size))
-        by_input, by_position, by_speed = self._drive_slopes(data, point, run)
+        by_input, by_position, by_speed = self.drive_slopes(data, point, run)
         moved = [(row, change * by_input) for row, change in self._input_changes(data, point)]
         moved += self._law_changes(data, point, run)
         inputs = np.array([change for _, change in moved]) if moved else np.empty((0, data.u.size))
@@ -221,6 +221,12 @@ class Chain:
             J = self._through(data, i, before, point[places[i]], J)
             J[places[i]] = self._differences(data, i, before, point)
         return J
+
+    def through_sensor(self, data: Data, point: Floats, run: Run, lines: Floats) -> Floats:
+        """Return what the maps of the output make of small changes before them."""
+        for i, before in zip(self.at["output"], run.outputs, strict=False):
+            lines = self._through(data, i, before, point[self.places(data)[i]], lines)
+        return lines
 
     def _input_changes(self, data: Data, point: Floats) -> list[tuple[int, Floats]]:
         """Return the change of x with each parameter of the input maps."""
@@ -257,7 +263,8 @@ class Chain:
                 found.append((row, _quotient(acting, point[row], self._is_strength(i, row - place.start))))
         return found
 
-    def _drive_slopes(self, data: Data, point: Floats, run: Run) -> tuple[Floats | float, Floats, Floats]:
+    def drive_slopes(self, data: Data, point: Floats, run: Run) -> tuple[Floats | float, Floats, Floats]:
+        """Return the derivative of the driven input by input, position and speed; empty without forces."""
         if not self.drives:
             return 1.0, _NONE, _NONE
         steps = [STEP * (float(np.std(signal)) or 1.0) for signal in (run.x, run.z, np.diff(run.z))]

@@ -6,7 +6,9 @@ import numpy as np
 
 from sysid.data import Record
 from sysid.diagnosis.effects.base import EffectParameter, Floats
+from sysid.diagnosis.linear_cells import read_cells
 from sysid.diagnosis.linear_chain import Chain, Data
+from sysid.diagnosis.linear_modes import errors_over_minima
 from sysid.diagnosis.structures import Choice, FittedParameter
 
 # Of the diagonal of R, columns scaled to unit length: below it the unknowns cannot be told apart.
@@ -62,6 +64,10 @@ def standard_errors(chain: Chain, data: Data, point: Floats, noise: Floats, cost
         spread = np.linalg.norm(np.linalg.inv(R), axis=1)
         variance = cost / max(J.shape[0] - point.size, 1)
         errors[used] = spread * np.sqrt(variance) / scale[used]
+        errors = errors_over_minima(chain, data, point, noise, cost, variance, errors)
+    cells = read_cells(chain, data, point)
+    if cells is not None:
+        errors[chain.places(data)[-1].start] = cells.step_error
     return errors
 
 

@@ -12,7 +12,8 @@ def probe_directions(chain: Chain, data: Data, point: Floats) -> Floats:
     """Return the directions, shape (n_probes, n_rows).
 
     Functions of the input, the modelled output and its speed, of their products and of time, added to
-    the output and, through the model's dynamics, to its input; and further lags of the input.
+    the output and, through the model's dynamics with its effects, to its input; and further lags of the
+    input.
     """
     run = chain.run(data, point)
     if run is None:
@@ -22,19 +23,11 @@ def probe_directions(chain: Chain, data: Data, point: Floats) -> Floats:
     time = np.arange(data.u.size) - np.repeat(data.begin[:-1], np.diff(data.begin))
     time = 2.0 * time / max(float(time.max()), 1.0) - 1.0
     functions = np.array([*probe_functions(data.u, data.lagged(data.u, 1), run.z, speed, time)])
-    nothing = np.zeros(data.u.size)
+    _, by_position, by_speed = chain.drive_slopes(data, point, run)
     through = tangent(
-        run.z,
-        run.v,
-        point[:n],
-        point[n : 2 * n],
-        data.begin,
-        False,
-        False,
-        False,
-        nothing,
-        nothing,
-        functions,
-    )[2 * n :]
+        run.z, run.v, point[:n], point[n : 2 * n], data.begin, False, False,
+        bool(chain.drives), by_position, by_speed, functions,
+    )[2 * n :]  # fmt: skip
+    through = chain.through_sensor(data, point, run, through)
     lags = [data.lagged(data.u, lag) for lag in range(2 * n + EXTRA_LAGS + 1)]
     return np.vstack([functions, through, lags])

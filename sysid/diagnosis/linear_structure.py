@@ -10,6 +10,7 @@ from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.levenberg import Minimum, minimise
+from sysid.diagnosis.linear_cells import within_cells
 from sysid.diagnosis.linear_chain import MOST_DRIVES, Chain, Data, too_many_drives
 from sysid.diagnosis.linear_directions import directions_of
 from sysid.diagnosis.linear_free_run import free_run
@@ -25,6 +26,8 @@ from sysid.linear.output_error import fit_output_error
 
 TOO_MANY = f"a linear model takes at most {MOST_DRIVES} forces"
 HIGHEST_ORDER = 6
+# By how much poles on the unit circle are drawn in.
+DRAWN_IN = (1.0 - 1e-6, 1.0 - 1e-4, 0.99)
 # A higher order must lower the validation error by at least this share.
 WORTHWHILE = 0.02
 
@@ -103,6 +106,8 @@ class LinearStructure:
         minimum = minimise(chain, data, point, WHITE, free=free, iterations=3) if free.any() else None
         minimum = minimise(chain, data, point if minimum is None else minimum.point, WHITE)
         if minimum is None:
+            minimum = self._from_within_the_circle(chain, data, point)
+        if minimum is None:
             raise DataError("the baseline diverges in simulation: give another --order")
         if fit.restarts_agree:
             return self._fitted(chain, data, rows, minimum, True, fit.status)
@@ -168,6 +173,8 @@ class LinearStructure:
                 break
         if minimum is None:
             return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status="it diverges")
+        if effort != 1:  # a ranking can do without
+            minimum = within_cells(chain, data, minimum, noise)
         end = "the search came to rest" if minimum.converged else "the search was still moving"
         status = f"{end}; " + ("several starts agree" if agree else "other starts ended elsewhere")
         return self._fitted(chain, data, rows, minimum, agree, status)
@@ -279,12 +286,28 @@ class LinearStructure:
             status=status,
         )
 
+    def _from_within_the_circle(self, chain: Chain, data: Data, point: Floats) -> Minimum | None:
+        """Search from poles drawn in a little: several on the unit circle are outside it by rounding."""
+        for radius in DRAWN_IN:
+            start = point.copy()
+            start[: self.order] *= radius ** np.arange(1, self.order + 1)
+            linear = np.arange(start.size) >= self.order
+            minimum = minimise(chain, data, start, WHITE, free=linear, iterations=2)
+            if minimum is not None:
+                return minimise(chain, data, minimum.point, WHITE)
+        return None
+
     def _chosen_order(self) -> int:
         """Return the lowest order whose validation error is not worth a higher one."""
         record, best, chosen = self.record, np.inf, 1
         for order in range(1, HIGHEST_ORDER + 1):
             self.order = order
-            fit = self.baseline(record.estimation)
+            try:
+                fit = self.baseline(record.estimation)
+            except DataError:
+                if order == 1:
+                    raise
+                break  # a lower order follows the record without running away
             error = record.y[:, 0] - fit.output
             cost = float(np.mean(error[record.validation] ** 2))
             if cost < best * (1.0 - WORTHWHILE) ** 2:

@@ -19,27 +19,31 @@ TRIED = 6
 # Two searches agree when their root mean square errors differ by this share, and their outputs by less than
 # that share of the error.
 AGREEMENT, OUTPUT_AGREEMENT = 1e-3, 0.05
+# What a model that lacks an effect cannot follow has many minima next to the best: after many restarts these
+# may differ by a hundredth of the squared error.
+NEARLY, NEARLY_SAME_OUTPUT = 5e-3, 0.1
 
 
 def descents(problem: Problem, starts: Sequence[Floats]) -> list[Minimum[Residual]]:
     """Return where searches from model parameters end, the best first."""
     points = [with_states(problem, start) for start in starts]
-    ends = [
-        problem.descend(point, EVALUATIONS[2], TOLERANCES[2])
-        for point in points
-        if np.isfinite(problem.cost(point))
-    ]
-    return sorted(ends, key=cost_of)
+    ends = [problem.descend_if_finite(point, EVALUATIONS[2], TOLERANCES[2]) for point in points]
+    return sorted((end for end in ends if end is not None), key=cost_of)
 
 
 def ends_beside(
-    problem: Problem, before: Problem, known: Floats, new: Sequence[int], effort: int
+    problem: Problem,
+    before: Problem,
+    known: Floats,
+    new: Sequence[int],
+    effort: int,
+    further: Sequence[Floats],
 ) -> list[Minimum[Residual]]:
-    """Search from the best points of the grid, around the fit so far and around the nominal values."""
-    found: list[Floats] = []
-    for centre in _centres(problem, before, known):
-        found += [point for _, point in grid_starts(problem, before, centre, new)[: DESCENTS[effort]]]
-    tried = [problem.descend(x, TRIED, TOLERANCES[effort]) for x in found if np.isfinite(problem.cost(x))]
+    """Search from the best points of the grid, around the fit so far and around the nominal values.
+
+    Points of ``further`` are tried besides.
+    """
+    tried = tried_beside(problem, before, known, new, effort, further)
     if not tried:
         tried = [problem.descend(problem_point(problem, before, known), 2, TOLERANCES[effort])]
     ends = [
@@ -53,6 +57,22 @@ def ends_beside(
     scanned = None if effort == 2 else new
     ends[0] = refined(problem, ends[0], EVALUATIONS[1], TOLERANCES[effort], scanned)
     return ends
+
+
+def tried_beside(
+    problem: Problem,
+    before: Problem,
+    known: Floats,
+    new: Sequence[int],
+    effort: int,
+    further: Sequence[Floats] = (),
+) -> list[Minimum[Residual]]:
+    """Return where short searches from the best points of the grid, and from further ones, have come to."""
+    found = list(further)
+    for centre in _centres(problem, before, known):
+        found += [point for _, point in grid_starts(problem, before, centre, new)[: DESCENTS[effort]]]
+    runs = [problem.descend_if_finite(x, TRIED, TOLERANCES[effort]) for x in found]
+    return [end for end in runs if end is not None]
 
 
 def _centres(problem: Problem, before: Problem, known: Floats) -> list[Floats]:
@@ -75,6 +95,11 @@ def agree(ends: Sequence[Minimum[Residual]]) -> bool:
     return sum(_same(ends[0], end) for end in ends) > 1
 
 
+def nearly_agree(ends: Sequence[Minimum[Residual]]) -> bool:
+    """Tell whether another of many searches ended next to the best."""
+    return sum(_same(ends[0], end, NEARLY, NEARLY_SAME_OUTPUT) for end in ends) > 1
+
+
 def different(ends: Sequence[Minimum[Residual]]) -> list[Minimum[Residual]]:
     """Leave out searches that have come to where a better one is already, or nearly so."""
     kept: list[Minimum[Residual]] = []
@@ -84,8 +109,13 @@ def different(ends: Sequence[Minimum[Residual]]) -> list[Minimum[Residual]]:
     return kept
 
 
-def _same(best: Minimum[Residual], end: Minimum[Residual]) -> bool:
+def _same(
+    best: Minimum[Residual],
+    end: Minimum[Residual],
+    cost: float = AGREEMENT,
+    output: float = OUTPUT_AGREEMENT,
+) -> bool:
     """Tell whether two searches ended at the same error with the same output."""
     apart = float(np.linalg.norm(end.point.residual - best.point.residual))
     error = np.sqrt(best.cost)
-    return bool(np.sqrt(end.cost) <= error * (1.0 + AGREEMENT) and apart <= OUTPUT_AGREEMENT * error)
+    return bool(np.sqrt(end.cost) <= error * (1.0 + cost) and apart <= output * error)

@@ -6,13 +6,15 @@ import numpy as np
 
 from sysid.diagnosis.effects.base import Effect, Floats, Form
 from sysid.diagnosis.physics_free_run import runs
-from sysid.diagnosis.physics_problem import problem_of
+from sysid.diagnosis.physics_problem import Problem, problem_of
 from sysid.diagnosis.physics_search import DRY_PROBE, PROBE, problem_point, shape_values
 from sysid.diagnosis.physics_setting import Setting
 from sysid.diagnosis.probe_functions import EXTRA_LAGS, probe_functions
 from sysid.diagnosis.structures import Choice, StructureFit
-from sysid.physics.forced import NO_LAW, ForcedPlant
+from sysid.physics.forced import ForcedPlant
 
+# Share of the input at which the response to a small signal is measured.
+RIPPLE = 1e-3
 # Larger grids are thinned out: neighbours would tell the same.
 MOST_SHAPES = 24
 
@@ -76,12 +78,11 @@ def _thinned(shapes: list[tuple[float, ...]], form: Form) -> list[tuple[float, .
 def probes(setting: Setting, fit: StructureFit) -> Floats:
     """Return directions in which an effect that is not in any list would show.
 
-    Functions of input, position, speed and time, added to the output, to the input and, where the
-    model has a moving body, to the force on it; and lags of the input.
+    Functions of input, position, speed and time, added to the output, to the input of the model with its
+    effects and, where the model has a moving body, to the force on it; and lags of the input.
     """
     problem = problem_of(setting, fit)
     record, plant = setting.record, setting.plant
-    values = setting.values_of(fit.point)
     numbers = {part.start: number for number, part in enumerate(problem.parts)}
     found = []
     for part in record.slices:
@@ -93,27 +94,33 @@ def probes(setting: Setting, fit: StructureFit) -> Floats:
         speed = np.gradient(y) if port.velocity is None else states[0, :, port.velocity]
         if port.velocity == port.position and port.velocity is not None:
             speed = np.gradient(position)
-        time = np.linspace(-1.0, 1.0, u.shape[0])
-        functions = np.array([*probe_functions(u[:, 0], _lagged(u[:, 0], 1), position, speed, time)])
-        through = _through(setting, values, functions)
+        time, before = np.linspace(-1.0, 1.0, u.shape[0]), _lagged(u[:, 0], 1)
+        functions = np.array([*probe_functions(u[:, 0], before, position, speed, time)])
+        # What is held over a sample is best known in its middle.
+        middle = _in_the_middle(position), _in_the_middle(speed)
+        held = np.array([*probe_functions(u[:, 0], before, *middle, time)])
+        through = _through(problem, fit.point, (part, numbers.get(part.start)), held)
         lags = [_lagged(u[:, 0], lag) for lag in range(2 * plant.order + EXTRA_LAGS + 1)]
         found.append(np.vstack([functions, *through, lags]))
     return np.ascontiguousarray(np.nan_to_num(np.concatenate(found, axis=1)).T)
 
 
-def _through(setting: Setting, values: Floats, signals: Floats) -> list[Floats]:
-    """Return the responses to signals at the input and at the port of forces, from rest."""
-    plant = setting.plant
-    lanes = signals.shape[0]
-    many = np.tile(values, (lanes, 1))
-    laws = np.tile(NO_LAW, (lanes, 1))
-    driven = np.zeros((lanes, signals.shape[1], plant.n_inputs))
-    still = plant.run(values[np.newaxis], NO_LAW[np.newaxis], driven[0])
-    driven[:, :, 0] = signals
-    found = [plant.run(many, laws, driven) - still]
+def _through(
+    problem: Problem, point: Floats, part: tuple[slice, int | None], signals: Floats
+) -> list[Floats]:
+    """Return the responses to signals at the input and at the port of forces."""
+    setting, plant = problem.setting, problem.setting.plant
+    values = setting.values_of(point)
+    moved = problem.moved_by_input(*part, point, RIPPLE * setting.sizes["u"] * signals)
+    found = [moved / (RIPPLE * setting.sizes["u"])]
     if isinstance(plant, ForcedPlant) and plant.port.velocity is not None:
         found.append(np.array([plant.respond(values, signal) for signal in signals]))
     return found
+
+
+def _in_the_middle(signal: Floats) -> Floats:
+    """Return the mean of each value and the next."""
+    return np.asarray(0.5 * (signal + np.append(signal[1:], signal[-1:])))
 
 
 def _lagged(signal: Floats, lag: int) -> Floats:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.physics_cells import read_cells
 from sysid.diagnosis.physics_problem import Problem, finite
 from sysid.diagnosis.structures import FittedParameter
 
@@ -50,4 +51,7 @@ def standard_errors(problem: Problem, point: Floats) -> Floats:
     spread = np.sqrt(float(error @ error) / max(error.size - problem.size, 1))
     errors = spread * np.linalg.norm(right[seen].T / sizes[seen], axis=1) / scale
     errors[lost | (np.abs(right[~seen]).max(axis=0, initial=0.0) > LOOSE)] = np.inf
+    cells = read_cells(problem, point)
+    if cells is not None:
+        errors[problem.effect_places[-1].start] = cells.step_error
     return np.asarray(errors)

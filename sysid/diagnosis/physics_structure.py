@@ -9,6 +9,7 @@ from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
+from sysid.diagnosis.physics_cells import within_cells
 from sysid.diagnosis.physics_descents import (
     EVALUATIONS,
     TOLERANCES,
@@ -17,6 +18,8 @@ from sysid.diagnosis.physics_descents import (
     cost_of,
     descents,
     ends_beside,
+    nearly_agree,
+    tried_beside,
 )
 from sysid.diagnosis.physics_directions import directions, probes
 from sysid.diagnosis.physics_free_run import free_run, runs
@@ -24,7 +27,7 @@ from sysid.diagnosis.physics_hold import SMOOTHER, band_limited
 from sysid.diagnosis.physics_laws import SMOOTH_LAWS, SWITCHES, has_law, with_level
 from sysid.diagnosis.physics_parameters import named_parameters, standard_errors
 from sysid.diagnosis.physics_points import moved
-from sysid.diagnosis.physics_problem import COARSE_STEP, FINE_STEP, Problem, problem_of
+from sysid.diagnosis.physics_problem import COARSE_STEP, FINE_STEP, Budget, Problem, problem_of
 from sysid.diagnosis.physics_search import Tangent, problem_point, refined
 from sysid.diagnosis.physics_setting import Plant, setting_of
 from sysid.diagnosis.physics_starts import wide_starts
@@ -41,7 +44,10 @@ SEARCH_ROWS = 2_500
 RESTARTS, MORE_RESTARTS, SPREAD, SEED = 4, 16, 0.25, 7
 # A gain is free when the parameters can follow a scaled output on so many rows up to this share.
 GAIN_ROWS, SAME_DIRECTION = 1_000, 1e-4
+# Most steps that the simulations of a fit of each effort may take, for so many rows; more for more rows.
+BUDGETS, BUDGET_ROWS = (60e6, 25e6, 80e6), 1_200
 DIVERGES = "it diverges"
+SPENT = "stopped: the simulations took as many steps as a fit is given; the minimum may be lower"
 
 
 class PhysicsStructure:
@@ -144,6 +150,19 @@ class PhysicsStructure:
         self._use(smooth.plant)
         return self._baseline(rows)
 
+    def held_or_smooth(self) -> bool:
+        """Take the input's other course between samples; tell whether it may have another.
+
+        What is missing can change the free run more than the course between samples does, so that the
+        baseline does not show which one it is.
+        """
+        if not isinstance(self.plant, ForcedPlant) or not band_limited(self.record, self.record.learning):
+            return False
+        other = "zero" if self.plant.hold == "smooth" else "smooth"
+        self._hold_chosen = True
+        self._use(ForcedPlant(self.model, self.record.period, other))
+        return True
+
     def _use(self, plant: Plant) -> None:
         self.plant = plant
         self.setting = setting_of(self.record, self.model, plant, self.free_start)
@@ -170,8 +189,10 @@ class PhysicsStructure:
         small = first_rows_of(rows, SEARCH_ROWS)
         search = problem if small.sum() == rows.sum() else self._problem((), small, WHITE, COARSE_STEP)
         ends = descents(search, starts)
-        if not agree(ends):
+        found_again = agree(ends)
+        if not found_again:
             ends = sorted([*ends, *descents(search, self._near_starts(MORE_RESTARTS))], key=cost_of)
+            found_again = agree(ends) or nearly_agree(ends)
         if not ends:
             raise ModelError(
                 f"model {self.name!r} diverges from every start: give start values nearer to the plant's"
@@ -179,7 +200,7 @@ class PhysicsStructure:
         best = ends[0]
         if search is not problem:
             best = problem.descend(moved(search, problem, best.x), EVALUATIONS[2], TOLERANCES[2])
-        return self._result(problem, best, agree(ends))
+        return self._result(problem, best, found_again)
 
     def _wide_starts(self, rows: Mask) -> list[Floats]:
         """Return starts for parameters of which little is known."""
@@ -205,39 +226,49 @@ class PhysicsStructure:
     ) -> StructureFit:
         """Fit the model with these effects, from a fit with fewer (or other, or the same) effects."""
         largest = FINE_STEP if effort == 2 else COARSE_STEP
-        problem = self._problem(choices, rows, noise, largest)
+        budget = Budget(BUDGETS[effort] * max(float(rows.sum()) / BUDGET_ROWS, 1.0))
+        problem = self._problem(choices, rows, noise, largest, budget)
         kept = [choice for choice in choices if choice in start.choices]
         new = [i for i, choice in enumerate(choices) if choice not in start.choices]
-        before = self._problem(kept, rows, noise, largest)
+        before = self._problem(kept, rows, noise, largest, budget)
         known = self._carried(before, start)
         if effort == 0 or not new:
             point = problem_point(problem, before, known)
             if not np.isfinite(problem.cost(point)):  # an effect that was left out may have held it
                 return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status=DIVERGES)
             end = problem.descend(point, EVALUATIONS[effort], TOLERANCES[effort])
-            return self._result(problem, refined(problem, end, EVALUATIONS[1], TOLERANCES[effort]), True)
+            end = refined(problem, end, EVALUATIONS[1], TOLERANCES[effort])
+            return self._result(problem, within_cells(problem, end), True)
         small = first_rows_of(rows, SEARCH_ROWS)
         search, plain = problem, before
         if small.sum() < rows.sum():
-            search = self._problem(choices, small, noise, largest)
-            plain = self._problem(kept, small, noise, largest)
-        ends = ends_beside(search, plain, self._carried(plain, start), new, effort)
+            search = self._problem(choices, small, noise, largest, budget)
+            plain = self._problem(kept, small, noise, largest, budget)
+        further: list[Floats] = []
         if noise.size > 1:
             # The colour of what is missing can hide an effect from the grid: search without it, too.
-            white = self._problem(choices, search.rows, WHITE, largest)
-            bare = self._problem(kept, search.rows, WHITE, largest)
-            near = ends_beside(white, bare, self._carried(bare, start), new, 1)[0].x
-            if np.isfinite(search.cost(near)):
-                ends.append(search.descend(near, EVALUATIONS[effort], TOLERANCES[effort]))
-                ends.sort(key=cost_of)
+            white = self._problem(choices, search.rows, WHITE, largest, budget)
+            bare = self._problem(kept, search.rows, WHITE, largest, budget)
+            tried = tried_beside(white, bare, self._carried(bare, start), new, 1)
+            further = [end.x for end in sorted(tried, key=cost_of)[:1]]
+        ends = ends_beside(search, plain, self._carried(plain, start), new, effort, further)
         best, found_twice = ends[0], agree(ends)
         if search is not problem:
             last = EVALUATIONS[2] if effort == 2 else TRIED
             best = problem.descend(moved(search, problem, best.x), last, TOLERANCES[effort])
+        if effort == 2:  # a ranking can do without
+            best = within_cells(problem, best)
         return self._result(problem, best, found_twice or effort == 1)
 
-    def _problem(self, choices: Sequence[Choice], rows: Mask, noise: Floats, largest: float) -> Problem:
-        return Problem(self.setting, choices, rows, noise, largest)
+    def _problem(
+        self,
+        choices: Sequence[Choice],
+        rows: Mask,
+        noise: Floats,
+        largest: float,
+        budget: Budget | None = None,
+    ) -> Problem:
+        return Problem(self.setting, choices, rows, noise, largest, budget=budget)
 
     def _carried(self, problem: Problem, start: StructureFit) -> Floats:
         """Return the point of a problem with effects of ``start`` where that fit left them."""
@@ -255,7 +286,7 @@ class PhysicsStructure:
             n_parameters=problem.size,
             converged=minimum.status.converged,
             restarts_agree=agree,
-            status=minimum.status.value,
+            status=SPENT if problem.budget.spent else minimum.status.value,
         )
 
     def tangent(self, fit: StructureFit) -> Floats:

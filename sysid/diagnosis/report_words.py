@@ -59,7 +59,7 @@ def _own_constant(diagnosis: "Diagnosis") -> list[str]:
     own = [p for p in diagnosis.final.parameters if p.name == name and not p.owner]
     if not asked or not own:
         return []
-    return [f"constant_force: already in the model, {_with_spread(own[0])}."]
+    return [f"constant_force: a constant force is part of the model already, {_with_spread(own[0])}."]
 
 
 def _with_spread(parameter: "FittedParameter") -> str:

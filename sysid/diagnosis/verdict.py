@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sysid.diagnosis.decision import NOISE_EFFECT, Decision, Trial
+from sysid.diagnosis.modes import MODE, rings
 from sysid.diagnosis.residual_evidence import LEFT_P_VALUE, Evidence
 from sysid.diagnosis.structures import WHITE, StructureFit
 
@@ -11,6 +12,8 @@ from sysid.diagnosis.structures import WHITE, StructureFit
 SUSPECT_P_VALUE = 3e-3
 # Something is left when the probes find this share of the explainable.
 LEFT_SHARE, SUSPECT_SHARE = 0.01, 0.004
+# Of two effects or more, each true, nothing is left; two that only together resemble a third leave a trace.
+COMPOSED_SHARE = 0.001
 # Where everything is significant, effects explain a record unless they leave more than they explain.
 MOST_LEFT = 0.5
 # Effects stay accepted beside something unexplained if they leave at most this share of the explainable.
@@ -59,16 +62,21 @@ class Judge:
         noise = evidence.noise(final)
         coloured = evidence.noise_accepted(final, noise)
         accepted = _in_order(fits)
+        composed = len(final.choices) > len(self.given) + 1
         chance, share = LEFT_P_VALUE, LEFT_SHARE
         rows = evidence.rows
         if fits and coloured:
             # All rows that may be learnt from: a trace is weaker than what the search stopped at.
             rows = evidence.structure.record.learning
             chance, share = SUSPECT_P_VALUE, SUSPECT_SHARE
+        if composed:
+            rows = evidence.structure.record.learning
+            chance, share = SUSPECT_P_VALUE, COMPOSED_SHARE
         if fits and evidence.smooth:
             share = MOST_LEFT
         left_p, left_share, floor = evidence.left(baseline, final, rows)
-        if left_p < chance and left_share > share:
+        stands_in = composed and not evidence.smooth and MODE in final.names and not rings(final)
+        if stands_in or (left_p < chance and left_share > share):
             useful = explains_most(left_share)
             rungs = tuple(fits if useful else fits[: len(self.given)])
             return Decision(

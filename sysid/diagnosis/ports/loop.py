@@ -180,13 +180,15 @@ class Loop:
         return parts
 
     def descend(self, start: Floats, evaluations: int) -> Minimum[Residual] | None:
-        """Search from a point; None if the run diverges there.
+        """Search from a point; None if the run or its slopes diverge there, or at the end.
 
         Near an integrator the parameters of a black box and initial states are all but dependent, and
         damping would hold back just the combinations that matter: orthogonal ones are searched, and
         one without any effect, as that of a constant with the state of an integrator, is left out.
         """
-        if not np.isfinite(self.residual(start)).all():
+        with np.errstate(over="ignore", invalid="ignore"):
+            finite = np.isfinite(self.residual(start)).all() and np.isfinite(self.jacobian(start)).all()
+        if not finite:
             return None
         shape = self._orthogonal_combinations(start) if self.plant.black_box else np.eye(start.size)
         minimum = descend(
@@ -197,7 +199,10 @@ class Loop:
             negligible=NEGLIGIBLE,
             max_evaluations=evaluations,
         )
-        return replace(minimum, x=start + shape @ minimum.x)
+        end = start + shape @ minimum.x
+        with np.errstate(over="ignore", invalid="ignore"):
+            followed = np.isfinite(self.jacobian(end)).all()
+        return replace(minimum, x=end) if followed else None
 
     def with_best_starts(self, point: Floats) -> Floats:
         """Return the point with the initial states that fit best while the plant stands alone."""

@@ -1,0 +1,158 @@
+"""Fits behind a quantiser: each reading tells the cell in which the output was, and no more."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.diagnosis.effects.base import Floats
+
+QUANTISER = "out_quantisation"
+# Readings tell their cells while the noise is below this share of the step.
+LOUDEST = 0.25
+# The output may miss its cell by these shares of the step, one search after the other.
+WIDTHS = (0.1, 0.03, 0.01, 0.003)
+ITERATIONS = 12
+FIRST_DAMPING, LARGEST_DAMPING = 1e-3, 1e8
+NEGLIGIBLE = 1e-6
+LEAST_CURVATURE = 1e-6
+
+Output = Callable[[Floats], Floats]
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """What readings in steps say about the output before the quantiser.
+
+    Attributes
+    ----------
+    step : float
+        One count.
+    counts : ndarray, shape (n_rows,)
+    noise : float
+        Standard deviation of the readings about their counts.
+    """
+
+    step: float
+    counts: Floats
+    noise: float
+
+    @property
+    def step_error(self) -> float:
+        """Standard error of the step: the counts are known, the readings scatter about them.
+
+        Examples
+        --------
+        >>> Cells(0.5, np.array([3.0, -4.0]), 0.1).step_error
+        0.02
+        """
+        return self.noise / float(np.linalg.norm(self.counts))
+
+
+def cells_of(y: Floats, step: float) -> Cells | None:
+    """Tell the cells of measured values; None where the noise hides them.
+
+    The step is the one that fits the readings best, given their counts.
+
+    Parameters
+    ----------
+    y : ndarray, shape (n_rows,)
+    step : float
+        Nearly one count.
+
+    Examples
+    --------
+    >>> found = cells_of(np.array([0.99, 2.03, -1.01, 0.01, 3.02]), 1.02)
+    >>> round(found.step, 3), found.counts
+    (1.006, array([ 1.,  2., -1.,  0.,  3.]))
+    """
+    if not step > 0.0:
+        return None
+    counts = np.round(y / step)
+    for _ in range(3):
+        if not counts.any():
+            return None
+        step = float(y @ counts) / float(counts @ counts)
+        if not step > 0.0:
+            return None
+        counts = np.round(y / step)
+    noise = float(np.std(y - step * counts))
+    return Cells(step, counts, noise) if noise < LOUDEST * step else None
+
+
+def inside_cells(cells: Cells, output: Output, slopes: Output, start: Floats) -> Floats:
+    """Return the parameters under which the output is in the cells that were read.
+
+    The squared error behind a quantiser changes by jumps.  Here each row is taken to have missed its
+    cell by a normal deviation, whose width falls from search to search; the logarithm of its likelihood is
+    smooth and concave in the output, and Newton steps with the slopes of the output lead to its maximum.
+
+    Parameters
+    ----------
+    cells : Cells
+    output : callable
+        Output before the quantiser at a point, shape (n_rows,); not finite where it diverges.
+    slopes : callable
+        Its derivative, shape (n_rows, n_parameters).
+    start : ndarray, shape (n_parameters,)
+
+    Returns
+    -------
+    ndarray, shape (n_parameters,)
+
+    References
+    ----------
+    Wang, Yin, Zhang & Zhao (2010), System Identification with Quantized Observations.
+    """
+    point = start
+    for share in WIDTHS:
+        point = _most_likely(cells, share * cells.step, output, slopes, point)
+    return point
+
+
+def _most_likely(cells: Cells, width: float, output: Output, slopes: Output, start: Floats) -> Floats:
+    low, high = (cells.counts - 0.5) * cells.step, (cells.counts + 0.5) * cells.step
+    point, w = start, output(start)
+    cost, slope, curvature = _missed(w, low, high, width)
+    damping = FIRST_DAMPING
+    for _ in range(ITERATIONS):
+        J = slopes(point)
+        scale = np.linalg.norm(J * np.sqrt(curvature)[:, np.newaxis], axis=0)
+        scale[scale == 0.0] = np.inf
+        J = J / scale
+        H, g, before = J.T @ (curvature[:, np.newaxis] * J), J.T @ slope, cost
+        if not (np.isfinite(H).all() and np.isfinite(g).all()):
+            return point
+        while damping < LARGEST_DAMPING:
+            trial: Floats = point - np.linalg.solve(H + damping * np.eye(point.size), g) / scale
+            w = output(trial)
+            tried = _missed(w, low, high, width) if np.isfinite(w).all() else (np.inf, slope, curvature)
+            if tried[0] < cost:
+                point, damping = trial, max(0.1 * damping, 1e-12)
+                cost, slope, curvature = tried
+                break
+            damping = max(10.0 * damping, 1e-6)
+        else:
+            return point
+        if before - cost <= NEGLIGIBLE * before:
+            return point
+    return point
+
+
+def _missed(w: Floats, low: Floats, high: Floats, width: float) -> tuple[float, Floats, Floats]:
+    """Return the negative log-likelihood, its slope and its curvature by the output."""
+    from scipy.special import log_ndtr
+
+    a, b = (low - w) / width, (high - w) / width
+    # The farther side is the small one: differences of large probabilities would lose their digits.
+    flipped = a + b < 0.0
+    near, far = np.where(flipped, -b, a), np.where(flipped, -a, b)
+    # log(P(z < -near) - P(z < -far)) with near < far, both counted outwards.
+    first, second = log_ndtr(-near), log_ndtr(-far)
+    log_inside = first + np.log1p(-np.exp(np.minimum(second - first, -1e-300)))
+    density_a = np.exp(-0.5 * a * a - 0.5 * np.log(2.0 * np.pi) - log_inside)
+    density_b = np.exp(-0.5 * b * b - 0.5 * np.log(2.0 * np.pi) - log_inside)
+    slope = -(density_a - density_b) / width
+    curvature = slope**2 - (a * density_a - b * density_b) / width**2
+    curvature = np.clip(curvature, LEAST_CURVATURE / width**2, 1.0 / width**2)
+    return -float(log_inside.sum()), np.asarray(slope), np.asarray(curvature)

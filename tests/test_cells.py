@@ -1,0 +1,84 @@
+"""Fits behind a quantiser: by the cells that were read."""
+
+import numpy as np
+import pytest
+
+from sysid.data import make_record
+from sysid.diagnosis.cells import Cells, cells_of, inside_cells
+from sysid.diagnosis.diagnose import structure_of
+from sysid.diagnosis.effects import find_effects
+from sysid.diagnosis.structures import WHITE, Choice
+
+
+def quantised_line(rng, step, noise, n=400):
+    X = np.column_stack([np.ones(n), rng.uniform(-3.0, 3.0, (n, 2))])
+    truth = np.array([0.2, 1.3, -0.7])
+    y = step * np.round(X @ truth / step) + noise * rng.standard_normal(n)
+    return X, truth, y
+
+
+def test_a_fit_inside_the_cells_is_far_nearer_to_the_truth_than_least_squares():
+    rng = np.random.default_rng(5)
+    errors = []
+    for _ in range(20):
+        X, truth, y = quantised_line(rng, 1.0, 0.03)
+        cells = cells_of(y, 1.01)
+        start = np.linalg.lstsq(X, y, rcond=None)[0]
+        found = inside_cells(cells, lambda x, X=X: X @ x, lambda x, X=X: X, start)
+        assert np.mean(np.round(X @ found / cells.step) == cells.counts) >= 0.995
+        errors.append([np.abs(start - truth).max(), np.abs(found - truth).max()])
+    plain, inside = np.median(errors, axis=0)
+    # Rounding is noise of 0.29 steps to least squares, with an error of 0.29/20; a cell is missed by 1/400.
+    assert inside < 0.3 * plain
+
+
+def test_the_step_has_the_scatter_that_it_states():
+    rng = np.random.default_rng(6)
+    scores = []
+    for _ in range(300):
+        _, _, y = quantised_line(rng, 0.8, 0.1, n=60)
+        cells = cells_of(y, 0.79)
+        scores.append((cells.step - 0.8) / cells.step_error)
+    # The standard deviation of 300 scores has an error of 4 %.
+    assert np.std(scores) == pytest.approx(1.0, abs=0.15)
+    assert abs(np.mean(scores)) < 0.25
+
+
+@pytest.mark.parametrize("step", [0.0, -1.0, 100.0])
+def test_readings_without_steps_tell_no_cells(step):
+    y = np.random.default_rng(7).standard_normal(100)
+    assert cells_of(y, step) is None
+    assert cells_of(y, 0.5) is None  # the noise hides them
+
+
+def test_the_output_behind_a_quantiser_is_found_for_a_difference_equation_and_a_physical_model():
+    rng = np.random.default_rng(8)
+    n, a, b = 900, 0.85, 0.3
+    u = np.repeat(rng.uniform(-1.0, 1.0, n // 3), 3)
+    z = np.zeros(n)
+    for k in range(1, n):
+        z[k] = a * z[k - 1] + b * u[k - 1]
+    step = 1.2 * np.std(z)
+    y = step * np.round(z / step) + 0.03 * step * rng.standard_normal(n)
+    record = make_record(u, y, period=0.1, split=np.repeat(["est", "test"], [600, 300]))
+    structure = structure_of(record, "linear", 1, "rest")
+    (quantiser,) = find_effects(["out_quantisation"])
+    rows = record.learning
+    fit = structure.fit(
+        [Choice(quantiser, quantiser.forms[0])], rows, WHITE, structure.baseline(rows), effort=2
+    )
+    fit = structure.finish(fit, WHITE)
+    # One row of 600 in another cell would be an error of step / 24; a fit by slopes alone has several.
+    assert np.mean(np.round(fit.output / step) != np.round(z / step)) < 0.01
+    (found,) = fit.parameters_of("out_quantisation")
+    assert abs(found.value - step) < 4.0 * found.std_error
+    # The rounded readings alone tell the step: noise / norm of the counts.
+    counts = np.round(y[rows] / step)
+    assert found.std_error == pytest.approx(0.03 * step / np.linalg.norm(counts), rel=0.15)
+
+
+def test_cells_far_away_are_missed_by_a_finite_logarithm():
+    cells = Cells(1.0, np.array([0.0, 500.0, -500.0]), 0.1)
+    X = np.array([[0.0], [1.0], [-1.0]])
+    found = inside_cells(cells, lambda x: X @ x, lambda x: X, np.array([0.0]))
+    assert found[0] == pytest.approx(500.0, abs=0.5)

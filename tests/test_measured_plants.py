@@ -1,0 +1,169 @@
+"""Diagnosis of records like those of public benchmarks, by simulators apart from the models."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.signal import lfilter
+
+import sysid
+from sysid.data import make_record
+from sysid.diagnosis.linear_rows import Data
+from sysid.diagnosis.linear_structure import LinearStructure
+from sysid.diagnosis.sign_retrieval import retrieved_signs
+from sysid.physics import load_model
+
+SPLIT = ("est", "test")
+
+
+def held(A, B, C, u, period):
+    """Return the output of a linear plant from rest, its input held between samples."""
+    n = len(B)
+    M = np.zeros((n + 1, n + 1))
+    M[:n, :n], M[:n, n] = np.multiply(A, period), np.multiply(B, period)
+    E, x, y = expm(M), np.zeros(n), np.empty(len(u))
+    for k, value in enumerate(u):
+        y[k] = np.dot(C, x)
+        x = E[:n, :n] @ x + E[:n, n] * value
+    return y
+
+
+def steps(rng, n, low, high, shortest, longest):
+    """Return levels drawn at random, each held for a random time."""
+    found = []
+    while len(found) < n:
+        found += [rng.uniform(low, high)] * int(rng.integers(shortest, longest + 1))
+    return np.array(found[:n])
+
+
+def record_of(u, y, period, n_est, **options):
+    split = np.repeat(SPLIT, [n_est, u.size - n_est])
+    return make_record(u, y, period=period, split=split, **options)
+
+
+def coupled_drives(rng, u, period=0.02):
+    """Return the speed of a pulley driven by a belt, of a drive with a lag: lightly damped, third order."""
+    w, lag = 2 * np.pi * 1.3, 0.35
+    A = [[-1 / lag, 0, 0], [0, 0, 1], [w**2, -(w**2), -0.32 * w]]
+    return held(A, [1.35 / lag, 0, 0], [0, 1, 0], u, period)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_signs_are_retrieved_where_all_of_the_signal_is_folded_over(seed):
+    """At 2 % noise all but the samples near zero, an eighth of them, have their sign."""
+    rng = np.random.default_rng(seed)
+    u = steps(rng, 300, -1.5, 1.5, 5, 5)
+    speed = coupled_drives(rng, u)
+    size = np.abs(speed) + 0.02 * rng.standard_normal(300)
+    data = Data(u, size, np.ones(300, dtype=bool), np.array([0, 300]), 0.02)
+    agreement = [abs(float(np.mean(sign * np.sign(speed)))) for sign in retrieved_signs(data, u, True)]
+    assert max(agreement) > 0.75
+
+
+@pytest.mark.parametrize("kind", ["binary", "levels"])
+def test_a_speed_from_pulses_is_found_rectified(kind):
+    """The coupled electric drives: the counter does not tell the direction, the speed has no mean."""
+    rng = np.random.default_rng(3)
+    u = steps(rng, 500, -1.5, 1.5, 5, 5)
+    if kind == "binary":
+        u = np.repeat([0.5, 1.0, 1.5], [170, 170, 160]) * np.sign(u)
+    y = np.abs(coupled_drives(rng, u)) + 0.02 * rng.standard_normal(500)
+    found = sysid.diagnose(record_of(u, y, 0.02, 300), order=3)
+    assert found.accepted == ("out_rectify",)
+    score = found.ladder[-1].scores["test"]
+    assert score["rmse"] < 0.05  # noise of 0.02, and errors of a third-order model of 300 rows
+
+
+PLANT = {"A": [[0, 1], [-16, -2.8]], "B": [0, 32], "C": [1, 0]}
+SLOW = ["time_variation", "out_lowpass", "extra_mode", "out_drift", "in_backlash", "coloured_noise"]
+
+
+def wandering(rng, u):
+    """Return a disturbance of the load that steps now and then, through the plant."""
+    return held(**PLANT, u=steps(rng, u.size, -0.3, 0.3, 40, 150), period=0.05)
+
+
+def hum(rng, u):
+    """Return mains hum that sampling has folded to a slow sine."""
+    return 0.25 * np.sin(2 * np.pi * 0.83 * 0.05 * np.arange(u.size) + 0.4)
+
+
+def slow_noise(rng, u):
+    return 0.19 * lfilter([1], [1, -0.92], rng.standard_normal(u.size))
+
+
+@pytest.mark.parametrize("disturbance", [wandering, hum, slow_noise])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_slow_disturbance_is_no_physical_effect(disturbance, seed):
+    rng = np.random.default_rng(seed)
+    u = steps(rng, 1200, -2, 2, 4, 30)
+    y = held(**PLANT, u=u, period=0.05)
+    y = y + disturbance(rng, u) + 0.02 * rng.standard_normal(u.size)
+    found = sysid.diagnose(record_of(u, y, 0.05, 800), order=2, effects=SLOW)
+    assert found.verdict == "coloured-noise", found
+
+
+def test_an_order_is_chosen_where_higher_ones_have_poles_on_the_unit_circle():
+    """A lamp that heats with its voltage to the power 1.6: a linear model of high order drifts away."""
+    rng, T, temperature = np.random.default_rng(0), 2.0, [0.0, 0.0]
+    u, y = steps(rng, 800, 0, 8, 20, 60), np.empty(800)
+    for k, value in enumerate(u):
+        y[k] = temperature[1]
+        for _ in range(20):
+            wall, body = temperature
+            loss = 0.22 * wall + 2.2e-9 * ((wall + 293) ** 4 - 293**4)
+            temperature = [
+                wall + T / 20 * (1.2 * value**1.6 - loss) / 12,
+                body + T / 20 * (wall - body) / 9,
+            ]
+    record = record_of(u, y + 0.25 * rng.standard_normal(800), T, 500)
+    assert 1 <= LinearStructure(record).order <= 6
+    for order in (4, 5, 6):
+        assert np.isfinite(LinearStructure(record, order).baseline(record.estimation).cost)
+
+
+def bouc_wen(force, period, pieces):
+    """Return the position of the benchmark's hysteretic oscillator under a force sampled finely."""
+    m, c, k, alpha, beta, gamma, delta = 2.0, 10.0, 5e4, 5e4, 1e3, 0.8, -1.1
+    h, x, v, z = period / pieces, 0.0, 0.0, 0.0
+
+    def rate(x, v, z, F):
+        loop = gamma * abs(v) * z + delta * v * abs(z)
+        return v, (F - c * v - k * x - z) / m, alpha * v - beta * loop
+
+    y, F = np.empty(force.size // pieces), np.append(force, force[-1])
+    for i in range(force.size // pieces * pieces):
+        if i % pieces == 0:
+            y[i // pieces] = x
+        middle = 0.5 * (F[i] + F[i + 1])
+        a = rate(x, v, z, F[i])
+        b = rate(x + h / 2 * a[0], v + h / 2 * a[1], z + h / 2 * a[2], middle)
+        x, v, z = x + h * b[0], v + h * b[1], z + h * b[2]
+    return y
+
+
+def multisine(rng, n, rate, low, high, size):
+    frequency = np.fft.rfftfreq(n, 1 / rate)
+    inside = (frequency >= low) & (frequency <= high)
+    spectrum = np.where(inside, np.exp(2j * np.pi * rng.uniform(size=frequency.size)), 0)
+    u = np.fft.irfft(spectrum, n)
+    return size * u / u.std()
+
+
+def test_the_hysteretic_oscillator_is_recognised_under_a_sampled_force():
+    """With a held force an extra mode makes up for the force's course; with the true one nothing is left."""
+    rng, pieces, n = np.random.default_rng(1), 12, 2400
+    force = multisine(rng, n * pieces, 750.0 * pieces, 5.0, 150.0, 50.0)
+    y = bouc_wen(force, 1 / 750, pieces) + 8e-6 * rng.standard_normal(n)
+    record = record_of(force[::pieces], y, 1 / 750, 1800)
+    candidates = ["hysteresis_force", "extra_mode", "cubic_stiffness", "gravity_sine", "coulomb"]
+    found = sysid.diagnose(
+        record,
+        load_model("mass-spring-damper"),
+        initial_state="rest",
+        start={"m": 2.0, "c": 10.0, "k": 1e5},
+        effects=candidates,
+    )
+    assert found.accepted == ("hysteresis_force",)
+    truth = {"sigma": 5e4, "Fc": 5e4 / 800, "g": -1100 / 800}
+    for p in found.final.fitted.parameters_of("hysteresis_force"):
+        assert p.value == pytest.approx(truth[p.name], abs=4 * p.std_error, rel=0.02)
