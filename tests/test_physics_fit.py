@@ -1,6 +1,7 @@
 """Fits of physical models: the truth recovered with honest standard errors, and the contract's cases."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ from physics_cases import VALUES, duffing, free_model
 
 from sysid.data import make_record, read_record
 from sysid.errors import IdentifiabilityError, ModelError, UsageError
-from sysid.physics import fit_physics, load_model, model_names
+from sysid.physics import Term, fit_physics, load_model, model_names
+from sysid.physics.grammar import parse
 from sysid.physics.problem import Problem
 from sysid.physics.restarts import descend
 from sysid.physics.simulation import Simulator
@@ -201,3 +203,20 @@ def test_a_sensor_with_its_own_zero_halves_the_error_of_two_tanks():
         errors.append(np.sqrt(np.mean((record.y[rows, 0] - free_run[rows]) ** 2)))
     # A linear output-error model with a constant reaches 0.61 V.
     assert errors[1] < 0.63 < errors[0]
+
+
+def test_a_model_with_several_outputs_is_fitted_to_the_one_of_the_same_name():
+    spring = load_model("mass-spring-damper")
+    speed = replace(spring.outputs[0], name="speed", unit="m/s", terms=(Term("speed", parse("v", {"v"})),))
+    both = replace(spring, outputs=(*spring.outputs, speed))
+    rng = np.random.default_rng(3)
+    u = excitation(rng, 400)
+    truth = {"m": 1.5, "c": 0.7, "k": 6.0}
+    y = Simulator(both, PERIOD).run(truth, u)
+    for place, name in enumerate(("y", "speed")):
+        record = make_record(u, y[:, place], PERIOD, outputs=(name,))
+        fit = fit_physics(record, both, start=truth, initial_state="rest")
+        assert fit.values == pytest.approx(truth, rel=1e-5)
+        assert fit.outputs == (name,)
+    with pytest.raises(UsageError, match="has the outputs y, speed and is fitted to one at a time"):
+        fit_physics(make_record(u, y[:, 0], PERIOD, outputs=("z",)), both)

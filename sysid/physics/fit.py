@@ -1,7 +1,7 @@
 """Fit the parameters of a physical model by its free-run error."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -132,7 +132,7 @@ def fit_physics(
     Parameters
     ----------
     record : Record
-        With one output.
+        With one output; of a model with several it is the one of the same name.
     model : Model, str, Path or class
         A model, or what `load_model` takes: a name, a TOML file, a Python class.
     start : mapping of str to float or pair of float, optional
@@ -180,7 +180,7 @@ def fit_physics(
     if hold not in HOLDS:
         raise UsageError(f"hold is {hold!r}: choose {' or '.join(HOLDS)}")
     described = (model if isinstance(model, Model) else load_model(model)).with_parameters(start, fixed)
-    _check_channels(described, check_record(record))
+    described = _read_by(described, check_record(record))
     segments = make_segments(record, rows)
     problem = Problem(described, segments, record.period, initial_state == "estimate", hold=hold)
     _check_enough(problem)
@@ -276,12 +276,22 @@ def _result(
     )
 
 
-def _check_channels(model: Model, record: Record) -> None:
-    if len(model.outputs) != 1 or len(model.inputs) != record.u.shape[1]:
+def _read_by(model: Model, record: Record) -> Model:
+    """Return the model with the one output that the record has, found by its name if there are several."""
+    name, n_outputs = record.outputs[0], record.y.shape[1]
+    own = tuple(output for output in model.outputs if len(model.outputs) == 1 or output.name == name)
+    if len(model.inputs) != record.u.shape[1] or n_outputs != 1:
         raise UsageError(
             f"model {model.name!r} has {len(model.inputs)} inputs and {len(model.outputs)} outputs, "
-            f"the record {record.u.shape[1]} and {record.y.shape[1]}: choose as many inputs and one output"
+            f"the record {record.u.shape[1]} and {n_outputs}: choose as many inputs and one output"
         )
+    if not own:
+        names = ", ".join(output.name for output in model.outputs)
+        raise UsageError(
+            f"model {model.name!r} has the outputs {names} and is fitted to one at a time, by its name; "
+            f"the record's is {name!r}: rename one of them"
+        )
+    return model if len(model.outputs) == 1 else replace(model, outputs=own)
 
 
 def _check_enough(problem: Problem) -> None:
