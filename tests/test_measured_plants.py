@@ -68,7 +68,7 @@ def test_a_speed_from_pulses_is_found_rectified(kind):
         u = np.repeat([0.5, 1.0, 1.5], [170, 170, 160]) * np.sign(u)
     y = np.abs(coupled_drives(rng, u)) + 0.02 * rng.standard_normal(500)
     found = sysid.diagnose(record_of(u, y, 0.02, 300), order=3)
-    assert found.accepted == ("out_rectify",)
+    assert found.accepted[0] == "out_rectify", found
     score = found.ladder[-1].scores["test"]
     assert score["rmse"] < 0.05  # noise of 0.02, and errors of a third-order model of 300 rows
 
@@ -167,3 +167,11 @@ def test_the_hysteretic_oscillator_is_recognised_under_a_sampled_force():
     truth = {"sigma": 5e4, "Fc": 5e4 / 800, "g": -1100 / 800}
     for p in found.final.fitted.parameters_of("hysteresis_force"):
         assert p.value == pytest.approx(truth[p.name], abs=4 * p.std_error, rel=0.02)
+
+
+def test_an_output_that_the_input_does_not_drive_is_said_to_be_so():
+    rng = np.random.default_rng(5)
+    record = record_of(rng.uniform(-1, 1, 600), rng.standard_normal(600), 0.1, 400)
+    found = sysid.diagnose(record, order=1, effects=["in_saturation"])
+    assert found.verdict == "nothing-missing"
+    assert any("follows next to nothing of 'y'" in sentence for sentence in found.sentences())
