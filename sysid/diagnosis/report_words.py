@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 # The error grows if its rank correlation with time is so many standard deviations, and by this factor.
 BLOCKS, ROWS_OF_BLOCK = 24, 8
 LEAST_TREND, LEAST_GROWTH = 3.3, 1.5
+# A model follows next to nothing of the output if its error has this share of its deviation.
+UNRELATED = 0.98
 
 
 def sentences(diagnosis: "Diagnosis") -> list[str]:
@@ -30,7 +32,7 @@ def sentences(diagnosis: "Diagnosis") -> list[str]:
     for rung in ladder[1:]:
         for p in rung.model.fitted.parameters_of(rung.effect) if rung is ladder[-1] else ():
             found.append(f"{rung.effect}: {_with_spread(p)}")
-    found += _own_constant(diagnosis) + _growing(diagnosis, judged, unit)
+    found += _unrelated(diagnosis) + _own_constant(diagnosis) + _growing(diagnosis, judged, unit)
     found += [port.sentence for port in diagnosis.ports[:1]]
     if diagnosis.advice:
         found.append(diagnosis.advice)
@@ -49,6 +51,19 @@ def _headline(diagnosis: "Diagnosis") -> str:
         else "Something is missing in the model that no candidate explains.",
         "not-identifiable": "The model's parameters cannot be told from this record.",
     }[diagnosis.verdict]
+
+
+def _unrelated(diagnosis: "Diagnosis") -> list[str]:
+    """Say so where the final model follows next to nothing of the output that it was fitted to."""
+    record = diagnosis.record
+    rows = record.learning
+    y, output = record.y[rows, 0], diagnosis.final.output[rows]
+    if not np.isfinite(output).all() or float(np.std(y - output)) < UNRELATED * float(np.std(y)):
+        return []
+    return [
+        f"The model follows next to nothing of {record.outputs[0]!r}, even where it was fitted: "
+        f"{record.inputs[0]!r} may not drive it, or not be aligned with it in time."
+    ]
 
 
 def _own_constant(diagnosis: "Diagnosis") -> list[str]:
