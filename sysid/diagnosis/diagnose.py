@@ -272,13 +272,17 @@ def diagnose(
             jobs=jobs, bars=bars, smooth=count > 1,
         )  # fmt: skip
         decision = search.decide()
-    kept = _kept(decision, accept)
-    estimates = [decision.baseline, *rungs_of(structure, decision, kept)]
-    whole: Structure = structure
-    if long and isinstance(structure, Portable):
-        whole = structure.on(record)
-        estimates = [_on_all_rows(whole, fit, chosen) for fit in estimates]
-    ladder = climb(whole, decision, estimates, kept, count > 1)
+        kept = _kept(decision, accept)
+        estimates = [decision.baseline, *rungs_of(structure, decision, kept)]
+        whole: Structure = structure
+        carries_on = long and isinstance(structure, Portable)
+        with bars.task("refits on all rows", (2 if carries_on else 1) * len(estimates)) as bar:
+            if long and isinstance(structure, Portable):
+                whole = structure.on(record)
+                for step, fit in enumerate(estimates):
+                    estimates[step] = _on_all_rows(whole, fit, chosen)
+                    bar.advance()
+            ladder = climb(whole, decision, estimates, kept, count > 1, bar)
     noise = NOISE_EFFECT in decision.accepted and accept != "none"
     accepted = (*kept, *([NOISE_EFFECT] if noise else []))
     advice = advise(structure, decision, accepted)

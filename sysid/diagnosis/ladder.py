@@ -17,6 +17,7 @@ from sysid.diagnosis.scores import finite, nrmse_interval, score
 from sysid.diagnosis.structures import WHITE, Choice, FittedParameter, Structure, StructureFit
 from sysid.diagnosis.wording import NORMAL_95
 from sysid.errors import UsageError
+from sysid.progress import ProgressTask
 
 # The finest search of an effect that is added by hand.
 FINE = 2
@@ -129,6 +130,7 @@ def climb(
     estimates: Sequence[StructureFit],
     kept: Sequence[str],
     thin: bool,
+    bar: ProgressTask,
 ) -> tuple[Rung, ...]:
     """Refit each rung on estimation and validation rows, score it on validation and test rows.
 
@@ -144,6 +146,7 @@ def climb(
             final = fit
         own = noise_of(record.y[:, 0] - final.output, record.learning).polynomial if thin else noise
         finals.append(structure.finish(final, own))
+        bar.advance()
     floor = decision.floor
     y = record.y[record.validation, 0]
     errors = [float(np.mean((y - fit.output[record.validation]) ** 2)) for fit in estimates]
