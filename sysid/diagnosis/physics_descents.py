@@ -7,6 +7,7 @@ import numpy as np
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics_points import with_states
 from sysid.diagnosis.physics_problem import Problem
+from sysid.diagnosis.physics_scatter import within_limits
 from sysid.diagnosis.physics_search import grid_starts, problem_point, refined
 from sysid.separable.descent import Minimum, Residual
 
@@ -38,7 +39,8 @@ def ends_beside(
     """Search from the best points of the grid, around the fit so far and around the nominal values."""
     found: list[Floats] = []
     for centre in _centres(problem, before, known):
-        found += [point for _, point in grid_starts(problem, before, centre, new)[: DESCENTS[effort]]]
+        starts = grid_starts(problem, before, centre, new)[: DESCENTS[effort]]
+        found += [within_limits(problem, point) for _, point in starts]
     tried = [problem.descend(x, TRIED, TOLERANCES[effort]) for x in found if np.isfinite(problem.cost(x))]
     if not tried:
         tried = [problem.descend(problem_point(problem, before, known), 2, TOLERANCES[effort])]

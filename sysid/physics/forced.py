@@ -17,7 +17,7 @@ MOST_STATES = 4
 MOST_SUBSTEPS = 200
 # A smooth input is a staircase of so many steps between samples, each as high as the spline at its middle.
 PIECES = 4
-# The law without effects: seventeen coefficients, in the order of `sysid.physics.forced_kernels`.
+# The law without effects: eighteen coefficients, in the order of `sysid.physics.forced_kernels`.
 LAW_NAMES = (
     "friction_forward",
     "friction_back",
@@ -32,7 +32,8 @@ LAW_NAMES = (
     "yield",
     "gain",
     "gain_scale",
-    "root",
+    "first_power",
+    "second_power",
     "first_cap",
     "second_cap",
     "caught",
@@ -41,6 +42,8 @@ _NO_LAW = dict.fromkeys(LAW_NAMES, 0.0) | {
     "stribeck_speed": 1.0,
     "wave_number": 1.0,
     "gain_scale": 1.0,
+    "first_power": 1.0,
+    "second_power": 1.0,
     "first_cap": np.inf,
     "second_cap": np.inf,
 }
@@ -215,7 +218,7 @@ class ForcedPlant:
         ----------
         values : ndarray, shape (lanes, n_parameters)
             Every parameter of the model, in its order.
-        laws : ndarray, shape (lanes, 17)
+        laws : ndarray, shape (lanes, 18)
             See `law`.
         u : ndarray, shape (n_samples,), (n_samples, n_inputs) or (lanes, n_samples, n_inputs)
         starts : ndarray, shape (lanes, n_states), optional

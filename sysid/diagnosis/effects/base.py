@@ -148,6 +148,9 @@ class Form:
         unchanged.
     smooth : bool
         Whether the output changes smoothly with the shape parameters.
+    refines : bool
+        Whether it is a finer law of an effect that was found in another form, not looked for by itself:
+        it reaches from there to the model without the effect, so that it would fit too many things.
     """
 
     name: str
@@ -157,6 +160,7 @@ class Form:
     state: str = ""
     slope: str = "pointwise"
     smooth: bool = True
+    refines: bool = False
 
     @property
     def shapes(self) -> tuple[int, ...]:
@@ -203,6 +207,16 @@ class Effect:
     forms: tuple[Form, ...]
     families: tuple[str, ...] = FAMILIES
     dry: bool = False
+
+    @property
+    def found_by(self) -> tuple[Form, ...]:
+        """The forms in which it is looked for."""
+        return tuple(form for form in self.forms if not form.refines)
+
+    @property
+    def refinements(self) -> tuple[Form, ...]:
+        """Finer laws, tried where it was found and something is left."""
+        return tuple(form for form in self.forms if form.refines)
 
     def form(self, name: str) -> Form:
         """Return a form by its name."""
