@@ -48,9 +48,10 @@ def _visited(problem: Problem, x: Floats) -> Floats:
         states = np.empty((1, part.stop - part.start, problem.setting.plant.order))
         problem.run(part, x[np.newaxis], number, states)
         passed.append(states[0])
-    every = np.concatenate(passed)
-    every = every[np.isfinite(every).all(axis=1)]
-    return every[np.linspace(0, len(every) - 1, min(VISITED, len(every))).astype(int)]
+    every: Floats = np.concatenate(passed)
+    finite = np.flatnonzero(np.isfinite(every).all(axis=1))
+    chosen = np.linspace(0, finite.size - 1, min(VISITED, finite.size)).astype(int)
+    return np.asarray(every[finite[chosen]])
 
 
 def runs(problem: Problem, points: Floats) -> Floats:
