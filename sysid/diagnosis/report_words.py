@@ -27,7 +27,7 @@ def sentences(diagnosis: "Diagnosis") -> list[str]:
     if np.isfinite(diagnosis.noise_floor):
         found.append(f"Noise floor: {quantity(diagnosis.noise_floor, unit)} RMSE; no model gets below it.")
     for rung in ladder[1:]:
-        for p in rung.model.fitted.parameters_of(rung.effect) if rung is ladder[-1] else ():
+        for p in ladder[-1].model.fitted.parameters_of(rung.effect):
             spread = f" ± {significant(1.96 * p.std_error, 2)}" if np.isfinite(p.std_error) else ""
             found.append(f"{rung.effect}: {p.name} = {significant(p.value)}{spread} {p.unit}".rstrip())
     found += _own_constant(diagnosis) + _growing(diagnosis, judged, unit)
