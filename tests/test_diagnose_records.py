@@ -96,8 +96,9 @@ def test_tanks_empty_by_the_root_of_their_level_and_overflow(records):
         effects=["sqrt_outflow", "overflow", "out_quadratic", "out_offset"],
     )
     assert set(found.accepted) >= {"sqrt_outflow", "overflow"}
-    # A linear model has 1.1 V; a square root alone 0.68 V, no better than a shifted linear one.
-    assert errors(found)["test"] < 400.0
+    # A linear model has 1.1 V; a square root alone 0.68 V, no better than a shifted linear one; recurrent
+    # networks have 0.40 V.
+    assert errors(found)["test"] < 300.0
 
 
 def test_a_hair_dryer_lacks_nothing(records):

@@ -44,6 +44,8 @@ def control_system(saved: "SavedPhysicalModel") -> Any:
         if dry:
             mode = fk.mode_at_zero(w, n, plant.same, z) if z[0] == 0.0 else int(np.sign(z[0]))
         rates = np.array(fk.kept(fk.rates(w, n, plant.same, z, mode), mode))
+        if port.levels and z[0] >= w[fk.FIRST_CAP]:
+            rates[1] += w[fk.CAUGHT] * max(rates[0], 0.0)
         for place, cap in enumerate((fk.FIRST_CAP, fk.SECOND_CAP)):
             if port.levels and z[place] >= w[cap]:
                 rates[place] = min(rates[place], 0.0)

@@ -10,11 +10,12 @@ from sysid.diagnosis.decision import NOISE_EFFECT, Decision, Trial
 from sysid.diagnosis.effects.base import Effect
 from sysid.diagnosis.growth import Grown, Growth
 from sysid.diagnosis.ranking import with_every_candidate
+from sysid.diagnosis.refinement import refined
 from sysid.diagnosis.residual_evidence import LEFT_P_VALUE, Evidence, interleaved
 from sysid.diagnosis.rungs import rungs_to
 from sysid.diagnosis.structures import WHITE, Structure, StructureFit
 from sysid.diagnosis.trials import POLISHED, Trials
-from sysid.diagnosis.verdict import Judge, explains_most, leaves_a_trace
+from sysid.diagnosis.verdict import Judge, leaves_a_trace
 from sysid.progress import Progress
 
 # How often a fit and the colour of its residual are brought to agree.
@@ -148,21 +149,31 @@ class Attempt:
             return Decision("not-identifiable", baseline, (), (), (), (), noise, 1.0, 0.0, unknown)
         given = self.growth.given_fits(baseline)
         grown = self.growth.grown(baseline, given, len(given))
-        decision = self.judge.verdict(baseline, *grown)
+        decision = self._judged(baseline, grown)
         for trial in self._replacing(decision):
-            decision = min(
-                decision, self._from_replaced(decision, given, grown, trial), key=lambda d: d.left_share
-            )
+            decision = min(decision, self._from_replaced(decision, given, grown, trial), key=_burden)
         if decision.verdict == "unexplained" and self.growth.max_effects > 1:
             return self._otherwise(decision, grown.trials)
         return decision
+
+    def _judged(self, baseline: StructureFit, grown: Grown) -> Decision:
+        """Judge a grown model; where it leaves something, finer laws of its effects may explain more."""
+        decision = self.judge.verdict(baseline, *grown)
+        n_given = len(self.growth.given)
+        if decision.verdict != "unexplained":
+            return decision
+        finer = refined(self.evidence, grown.fits, n_given)
+        if finer is None:
+            return decision
+        rungs = rungs_to(self.evidence.structure, self.evidence.rows, finer, baseline, n_given)
+        return min(decision, self.judge.verdict(baseline, rungs, grown.trials, ()), key=_burden)
 
     def _replacing(self, decision: Decision) -> list[Trial]:
         """Return laws of flow that are worth a search of their own where nothing explains.
 
         They replace a law of the model, so they need not show beside an effect that was taken for them.
         """
-        if decision.verdict != "unexplained" or explains_most(decision.left_share):
+        if decision.verdict != "unexplained":
             return []
         flows = {effect.name for effect in self.trials.candidates if effect.port == "flow"}
         baseline = decision.baseline
@@ -181,7 +192,7 @@ class Attempt:
         assert trial.fit is not None
         further = self.growth.grown(decision.baseline, [*given, trial.fit], len(given))
         trials = (trial, *(other for other in grown.trials if other is not trial))
-        return self.judge.verdict(decision.baseline, further.fits, trials, ())
+        return self._judged(decision.baseline, Grown(further.fits, trials, ()))
 
     def _otherwise(self, decision: Decision, trials: tuple[Trial, ...]) -> Decision:
         """Start again from the runners-up where the leader leads to nothing that explains all.
@@ -238,3 +249,13 @@ class Attempt:
             p_value=evidence.memory_p_value(noise),
             validation=evidence.held_out_error(baseline, WHITE),
         )
+
+
+def _burden(decision: Decision) -> tuple[bool, float]:
+    """Return by what decisions on the same record are compared: the smallest is the best.
+
+    Beside something unexplained a name counts only if it at least halves what is left: more and more effects
+    that are not there can follow one that is.
+    """
+    unexplained = decision.verdict == "unexplained"
+    return unexplained, decision.left_share * 2.0 ** len(decision.rejected if unexplained else ())

@@ -45,7 +45,7 @@ class Growth:
         fits: list[StructureFit] = []
         for effect in self.given:
             current = fits[-1] if fits else baseline
-            trial = self.trials.best_form(current, effect, effect.forms, WHITE_NOISE, 2)
+            trial = self.trials.best_form(current, effect, effect.found_by, WHITE_NOISE, 2)
             if trial.fit is not None:
                 fits.append(trial.fit)
         return fits

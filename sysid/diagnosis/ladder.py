@@ -61,7 +61,7 @@ class DiagnosedModel:
                 self.structure.fit(
                     (*current.choices, Choice(effect, form)), rows, WHITE, current, effort=FINE
                 )
-                for form in effect.forms
+                for form in effect.found_by
             ]
             n = rows.sum()
             current = min(options, key=lambda o: n * np.log(max(o.cost, 1e-300)) + o.n_parameters * np.log(n))
@@ -135,16 +135,18 @@ def climb(
     """Refit each rung on estimation and validation rows, score it on validation and test rows.
 
     The noise's memory from row to row is another where rows stood for several in the search: then the
-    free-run error itself is minimised.
+    free-run error itself is minimised.  So it is where something is left unexplained: that is no noise, and
+    weighed by its colour the model would follow its fast part alone.
     """
     record = structure.record
-    noise = WHITE if thin else _weighting(structure, estimates[-1], decision.noise.polynomial)
+    plain = thin or decision.verdict == "unexplained"
+    noise = WHITE if plain else _weighting(structure, estimates[-1], decision.noise.polynomial)
     finals = []
     for fit in estimates:
         final = structure.fit(fit.choices, record.learning, noise, fit, effort=0)
         if not final.usable:  # under rows that neither fit has seen
             final = fit
-        own = noise_of(record.y[:, 0] - final.output, record.learning).polynomial if thin else noise
+        own = noise_of(record.y[:, 0] - final.output, record.learning).polynomial if plain else noise
         finals.append(structure.finish(final, own))
         bar.advance()
     floor = decision.floor

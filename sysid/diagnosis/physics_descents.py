@@ -7,6 +7,7 @@ import numpy as np
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics_points import with_states
 from sysid.diagnosis.physics_problem import Problem
+from sysid.diagnosis.physics_scatter import within_limits
 from sysid.diagnosis.physics_search import grid_starts, problem_point, refined
 from sysid.separable.descent import Minimum, Residual
 
@@ -70,7 +71,8 @@ def tried_beside(
     """Return where short searches from the best points of the grid, and from further ones, have come to."""
     found = list(further)
     for centre in _centres(problem, before, known):
-        found += [point for _, point in grid_starts(problem, before, centre, new)[: DESCENTS[effort]]]
+        starts = grid_starts(problem, before, centre, new)[: DESCENTS[effort]]
+        found += [within_limits(problem, point) for _, point in starts]
     runs = [problem.descend_if_finite(x, TRIED, TOLERANCES[effort]) for x in found]
     return [end for end in runs if end is not None]
 

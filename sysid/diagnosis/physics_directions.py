@@ -27,7 +27,7 @@ def directions(setting: Setting, fit: StructureFit, effect: Effect) -> list[Floa
     if effect.port == "noise":
         return []
     found: list[Floats] = []
-    for form in effect.forms:
+    for form in effect.found_by:
         strengths = [j for j, p in enumerate(form.parameters) if p.is_strength]
         if len(form.shapes) > 1 and not strengths and len(effect.forms) > 1:
             continue  # the symmetric form stands for the two-sided one

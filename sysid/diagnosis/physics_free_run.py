@@ -8,6 +8,9 @@ from sysid.diagnosis.physics_problem import Problem
 from sysid.diagnosis.structures import WHITE
 from sysid.linear.simulation import first_rows
 
+# So many of the states that the model has passed are tried as the initial state of a new experiment.
+VISITED = 64
+
 
 def free_run(problem: Problem, x: Floats) -> Floats:
     """Return the free run over every row, initial states of experiments without rows estimated."""
@@ -34,8 +37,21 @@ def _of_new_experiment(problem: Problem, x: Floats, part: slice) -> Floats:
     rows = np.zeros(record.n_samples, dtype=bool)
     rows[part] = used
     local = Problem(problem.setting, problem.choices, rows, WHITE, problem.largest)
-    end = with_states(local, x[:own])
+    end = with_states(local, x[:own], None if problem.exact else _visited(problem, x))
     return np.asarray(local.run(part, end[np.newaxis], 0)[0])
+
+
+def _visited(problem: Problem, x: Floats) -> Floats:
+    """Return states that the model passes in the experiments of the fit, shape (n_candidates, n_states)."""
+    passed = []
+    for number, part in enumerate(problem.parts):
+        states = np.empty((1, part.stop - part.start, problem.setting.plant.order))
+        problem.run(part, x[np.newaxis], number, states)
+        passed.append(states[0])
+    every: Floats = np.concatenate(passed)
+    finite = np.flatnonzero(np.isfinite(every).all(axis=1))
+    chosen = np.linspace(0, finite.size - 1, min(VISITED, finite.size)).astype(int)
+    return np.asarray(every[finite[chosen]])
 
 
 def runs(problem: Problem, points: Floats) -> Floats:

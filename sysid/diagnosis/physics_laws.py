@@ -34,7 +34,10 @@ _LAWS: Mapping[str, Callable[[Floats], Coefficients]] = {
     "gravity_sine": _sine,
     "constant_force": lambda p: {"constant": -p[0]},
     "op_gain": lambda p: {"gain": p[0], "gain_scale": max(p[1], 1e-300)},
-    "sqrt_outflow": lambda p: {"root": 1.0},
+    "sqrt_outflow": lambda p: {
+        "first_power": p[0] if p.size else 0.5,
+        "second_power": p[-1] if p.size else 0.5,
+    },
     "overflow": lambda p: {"first_cap": p[0], "second_cap": p[min(1, p.size - 1)], "caught": sum(p[2:])},
 }
 # Coefficients of two effects that add up; one of the others cannot be in a law twice.

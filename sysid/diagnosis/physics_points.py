@@ -5,6 +5,10 @@ import numpy as np
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics_problem import Problem
 
+# Evaluations of a search for initial states, and how many candidates are followed.
+LINEAR_STATES, NONLINEAR_STATES = 8, 30
+FOLLOWED = 3
+
 
 def moved(old: Problem, problem: Problem, x: Floats) -> Floats:
     """Return a point with what another problem's point says about the same unknowns."""
@@ -24,14 +28,32 @@ def moved(old: Problem, problem: Problem, x: Floats) -> Floats:
     return point
 
 
-def with_states(problem: Problem, coordinates: Floats) -> Floats:
-    """Return a point whose initial states fit best, the rest as given."""
-    point = np.concatenate([coordinates, np.zeros(problem.size - coordinates.size)])
+def with_states(problem: Problem, coordinates: Floats, states: Floats | None = None) -> Floats:
+    """Return a point whose initial states fit best, the rest as given.
+
+    Parameters
+    ----------
+    problem : Problem
+    coordinates : ndarray, shape (n_model + n_effects,)
+    states : ndarray, shape (n_candidates, n_states), optional
+        From which the search starts, beside rest.  A linear model needs none: its error is quadratic in its
+        initial state.  An empty or a full tank does not feel a small change of its level.
+    """
+    rest = np.tile(problem.setting.rest, len(problem.parts))
     if problem.n_starts == 0:
-        return point
-    point[coordinates.size :] = np.tile(problem.setting.rest, len(problem.parts))
-    problem.held[: coordinates.size] = True
+        return np.asarray(coordinates)
+    starts = [rest] if states is None else [rest, *(np.tile(state, len(problem.parts)) for state in states)]
+    points = np.array([np.concatenate([coordinates, start]) for start in starts])
     with np.errstate(all="ignore"):
-        found = problem.descend(point, 8, 1e-6).x if np.isfinite(problem.cost(point)) else point
-    problem.held[:] = False
-    return found
+        errors = problem.errors(points)
+        costs = np.nan_to_num(np.einsum("ij,ij->i", errors, errors), nan=np.inf)
+        if not np.isfinite(costs).any():
+            return np.asarray(points[0])
+        problem.held[: coordinates.size] = True
+        chosen = points[np.argsort(costs, kind="stable")[:FOLLOWED]]
+        evaluations = LINEAR_STATES if states is None else NONLINEAR_STATES
+        ends = [
+            problem.descend(point, evaluations, 1e-6) for point in chosen if np.isfinite(problem.cost(point))
+        ]
+        problem.held[:] = False
+    return min(ends, key=lambda end: end.cost).x

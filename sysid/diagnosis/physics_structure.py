@@ -28,6 +28,7 @@ from sysid.diagnosis.physics_laws import SMOOTH_LAWS, SWITCHES, has_law, with_le
 from sysid.diagnosis.physics_parameters import named_parameters, standard_errors
 from sysid.diagnosis.physics_points import moved
 from sysid.diagnosis.physics_problem import COARSE_STEP, FINE_STEP, Budget, Problem, problem_of
+from sysid.diagnosis.physics_scatter import is_rugged, scattered
 from sysid.diagnosis.physics_search import Tangent, problem_point, refined
 from sysid.diagnosis.physics_setting import Plant, setting_of
 from sysid.diagnosis.physics_starts import wide_starts
@@ -237,6 +238,8 @@ class PhysicsStructure:
             if not np.isfinite(problem.cost(point)):  # an effect that was left out may have held it
                 return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status=DIVERGES)
             end = problem.descend(point, EVALUATIONS[effort], TOLERANCES[effort])
+            if is_rugged(problem) and not np.array_equal(rows, start.rows):
+                end = scattered(problem, end, EVALUATIONS[2], TOLERANCES[2])
             end = refined(problem, end, EVALUATIONS[1], TOLERANCES[effort])
             return self._result(problem, within_cells(problem, end), True)
         small = first_rows_of(rows, SEARCH_ROWS)
@@ -252,6 +255,8 @@ class PhysicsStructure:
             tried = tried_beside(white, bare, self._carried(bare, start), new, 1)
             further = [end.x for end in sorted(tried, key=cost_of)[:1]]
         ends = ends_beside(search, plain, self._carried(plain, start), new, effort, further)
+        if effort == 2 and is_rugged(search):
+            ends.insert(0, scattered(search, ends[0], EVALUATIONS[2], TOLERANCES[2]))
         best, found_twice = ends[0], agree(ends)
         if search is not problem:
             last = EVALUATIONS[2] if effort == 2 else TRIED

@@ -30,7 +30,7 @@ def sentences(diagnosis: "Diagnosis") -> list[str]:
     if np.isfinite(diagnosis.noise_floor):
         found.append(f"Noise floor: {quantity(diagnosis.noise_floor, unit)} RMSE; no model gets below it.")
     for rung in ladder[1:]:
-        for p in rung.model.fitted.parameters_of(rung.effect) if rung is ladder[-1] else ():
+        for p in ladder[-1].model.fitted.parameters_of(rung.effect):
             found.append(f"{rung.effect}: {_with_spread(p)}")
     found += _unrelated(diagnosis) + _own_constant(diagnosis) + _growing(diagnosis, judged, unit)
     found += [port.sentence for port in diagnosis.ports[:1]]

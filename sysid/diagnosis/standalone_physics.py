@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
 _LINEAR = ("exponential", "linear_runs")
 _FORCED = (
-    "sliding_friction", "smooth_force", "rates", "moved", "kept", "fourth_order_step", "called_step",
-    "holding_force", "margin", "mode_at_zero", "time_of_event", "cut_step", "forced_runs",
+    "sliding_friction", "smooth_force", "outflow", "rates", "spilled", "moved", "kept", "fourth_order_step",
+    "called_step", "holding_force", "margin", "mode_at_zero", "time_of_event", "cut_step", "forced_runs",
 )  # fmt: skip
 _NUMBERS = (
     "A", "STEADY", "DRIVE", "PUSH", "READ", "FRICTION_FORWARD", "FRICTION_BACK", "BREAKAWAY",
     "STRIBECK_SPEED", "DRAG", "CUBIC", "GRAVITY", "WAVE_NUMBER", "CONSTANT", "ELASTIC", "YIELD", "GAIN",
-    "GAIN_SCALE", "ROOT", "FIRST_CAP", "SECOND_CAP", "CAUGHT", "LOOP_BEND", "SIZE", "SMOOTH", "STUCK",
-    "MOST_EVENTS", "MOST_CHATTER", "ROOT_STEPS", "EVENT_TOLERANCE",
+    "GAIN_SCALE", "FIRST_POWER", "SECOND_POWER", "FIRST_CAP", "SECOND_CAP", "CAUGHT", "LOOP_BEND", "SIZE",
+    "SMOOTH", "STUCK", "MOST_EVENTS", "MOST_CHATTER", "ROOT_STEPS", "EVENT_TOLERANCE",
 )  # fmt: skip
 
 

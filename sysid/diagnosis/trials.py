@@ -88,7 +88,8 @@ class Trials:
             # Half-wave and full-wave are different effects, as are a rim and a cascade of tanks; a two-sided
             # form is a refinement.
             size = len(effect.forms[0].parameters)
-            simple = [form for form in effect.forms if len(form.parameters) <= size or effect.port == "flow"]
+            flow = effect.port == "flow"
+            simple = [form for form in effect.found_by if flow or len(form.parameters) <= size]
             return self.best_form(current, effect, simple, noise, 1)
 
         beside = f" beside {' and '.join(current.names)}" if current.choices else ""
@@ -99,7 +100,7 @@ class Trials:
 
             def carefully(trial: Trial, effort: int = effort) -> Trial:
                 effect = next(e for e in candidates if e.name == trial.name)
-                forms = effect.forms[1:] if effort == 1 else effect.forms
+                forms = effect.found_by[1:] if effort == 1 else effect.found_by
                 return self.best_form(current, effect, forms, noise, effort)
 
             for trial in self._each(f"leaders{beside}", carefully, leaders):

@@ -16,7 +16,7 @@ from sysid.physics.ports import Port, find_port
 
 MOST_STATES = 4
 MOST_SUBSTEPS = 200
-# The law without effects: eighteen coefficients, in the order of `sysid.physics.forced_kernels`.
+# The law without effects: nineteen coefficients, in the order of `sysid.physics.forced_kernels`.
 LAW_NAMES = (
     "friction_forward",
     "friction_back",
@@ -31,7 +31,8 @@ LAW_NAMES = (
     "yield",
     "gain",
     "gain_scale",
-    "root",
+    "first_power",
+    "second_power",
     "first_cap",
     "second_cap",
     "caught",
@@ -41,11 +42,14 @@ _NO_LAW = dict.fromkeys(LAW_NAMES, 0.0) | {
     "stribeck_speed": 1.0,
     "wave_number": 1.0,
     "gain_scale": 1.0,
+    "first_power": 1.0,
+    "second_power": 1.0,
     "first_cap": np.inf,
     "second_cap": np.inf,
 }
 NO_LAW = np.array([_NO_LAW[name] for name in LAW_NAMES])
 NO_LAW.setflags(write=False)
+POWERS = [LAW_NAMES.index("first_power"), LAW_NAMES.index("second_power")]
 
 
 def law(**coefficients: float) -> Floats:
@@ -220,7 +224,7 @@ class ForcedPlant:
         ----------
         values : ndarray, shape (lanes, n_parameters)
             Every parameter of the model, in its order.
-        laws : ndarray, shape (lanes, 18)
+        laws : ndarray, shape (lanes, 19)
             See `law`.
         u : ndarray, shape (n_samples,), (n_samples, n_inputs) or (lanes, n_samples, n_inputs)
         starts : ndarray, shape (lanes, n_states), optional
@@ -237,7 +241,7 @@ class ForcedPlant:
         ndarray, shape (lanes, n_samples)
             Not a number from where a run diverges on.
         """
-        from sysid.physics.forced_kernels import linear_runs
+        from sysid.physics.forced_kernels import forced_runs, linear_runs
         from sysid.physics.forced_lanes import lane_runs
 
         lanes = values.shape[0]
@@ -261,8 +265,9 @@ class ForcedPlant:
             linear_runs(plants, self.order, by_input, direct, signal, at_start, period, y, inner)
         else:
             step = period / substeps
-            lane_runs(
-                *(plants, self.order, self.same, by_input, direct, signal, at_start, step, substeps, y, inner)
+            simulate = lane_runs if np.isin(laws[:, POWERS], (0.5, 1.0)).all() else forced_runs
+            simulate(
+                plants, self.order, self.same, by_input, direct, signal, at_start, step, substeps, y, inner
             )
         if states is not None:
             for k, state in enumerate(self.states_first):

@@ -35,11 +35,11 @@ DRAG, CUBIC = LAW + 4, LAW + 5
 GRAVITY, WAVE_NUMBER, CONSTANT = LAW + 6, LAW + 7, LAW + 8
 ELASTIC, YIELD = LAW + 9, LAW + 10  # stiffness and yield force of the elastic-plastic element
 GAIN, GAIN_SCALE = LAW + 11, LAW + 12
-ROOT = LAW + 13  # 1 where outflows go with the square root of the level
-FIRST_CAP, SECOND_CAP = LAW + 14, LAW + 15
-CAUGHT = LAW + 16  # share of what the first tank overflows that the second one catches
-LOOP_BEND = LAW + 17  # how the elastic-plastic element softens on the way out and back alike
-SIZE = LAW + 18
+FIRST_POWER, SECOND_POWER = LAW + 13, LAW + 14  # of the levels, with which the outflows go
+FIRST_CAP, SECOND_CAP = LAW + 15, LAW + 16
+CAUGHT = LAW + 17  # share of what the first tank overflows that the second one catches
+LOOP_BEND = LAW + 18  # how the elastic-plastic element softens on the way out and back alike
+SIZE = LAW + 19
 
 SMOOTH, STUCK = 2, 0  # modes; 1 and -1 are sliding to either side
 # Changes that are located in one step; a body that chatters faster is held until the step's end.
@@ -79,6 +79,14 @@ def smooth_force(w: Floats, position: float, velocity: float, memory: float) -> 
 
 
 @inlined
+def outflow(level: float, power: float) -> float:
+    """Return a power of a level, the root by the faster function."""
+    full = max(level, 0.0)
+    flow: float = math.sqrt(full) if power == 0.5 else full**power
+    return flow
+
+
+@inlined
 def rates(w: Floats, n: int, same: bool, z: State, mode: int) -> State:
     """Return the derivative of states and memory; the velocity's as if no dry friction acted when stuck."""
     z0, z1, z2, z3, memory = z
@@ -87,8 +95,10 @@ def rates(w: Floats, n: int, same: bool, z: State, mode: int) -> State:
     if w[GAIN] != 0.0:
         output = w[READ] * s0 + w[READ + 1] * s1 + w[READ + 2] * z2 + w[READ + 3] * z3 + w[READ + 4]
         factor += w[GAIN] * math.tanh(output / w[GAIN_SCALE])
-    if w[ROOT] != 0.0:
-        s0, s1 = math.sqrt(max(s0, 0.0)), math.sqrt(max(s1, 0.0))
+    if w[FIRST_POWER] != 1.0:
+        s0 = outflow(s0, w[FIRST_POWER])
+    if w[SECOND_POWER] != 1.0:
+        s1 = outflow(s1, w[SECOND_POWER])
     force = smooth_force(w, z0 if same else z1, z0, memory)
     if mode == 1 or mode == -1:
         force += sliding_friction(w, z0, mode)
@@ -102,12 +112,23 @@ def rates(w: Floats, n: int, same: bool, z: State, mode: int) -> State:
         d2 += w[A + 8] * s0 + w[A + 9] * s1 + w[A + 10] * z2 + w[A + 11] * z3
         d3 = w[STEADY + 3] + factor * w[DRIVE + 3] + w[PUSH + 3] * force
         d3 += w[A + 12] * s0 + w[A + 13] * s1 + w[A + 14] * z2 + w[A + 15] * z3
-    if z0 >= w[FIRST_CAP] and d0 > 0.0:
-        d1 += w[CAUGHT] * d0
     change = 0.0
     if w[YIELD] > 0.0:
         change = w[ELASTIC] / w[YIELD] * (z0 * (1.0 - w[LOOP_BEND] * abs(memory)) - abs(z0) * memory)
     return d0, d1, d2, d3, change
+
+
+@inlined
+def spilled(w: Floats, z: State) -> State:
+    """Return the levels cut off at the rims, what the first tank spilled in part in the second one.
+
+    What has risen above a rim in a step has run over, whenever in the step that was: so no water is lost,
+    and the run depends on the limits without jumps.
+    """
+    over = max(z[0] - w[FIRST_CAP], 0.0)
+    if over > 0.0:
+        z = (w[FIRST_CAP], z[1] + w[CAUGHT] * over, z[2], z[3], z[4])
+    return z[0], min(z[1], w[SECOND_CAP]), z[2], z[3], z[4]
 
 
 @inlined
@@ -311,8 +332,7 @@ def forced_runs(
                 mode = mode_at_zero(w, n, same, z) if z[0] == 0.0 else (1 if z[0] > 0.0 else -1)
             for _ in range(substeps):
                 if not dry:
-                    z = fourth_order_step(w, n, same, z, SMOOTH, step)
-                    z = (min(z[0], w[FIRST_CAP]), min(z[1], w[SECOND_CAP]), z[2], z[3], z[4])
+                    z = spilled(w, fourth_order_step(w, n, same, z, SMOOTH, step))
                     continue
                 if mode != STUCK:
                     trial = fourth_order_step(w, n, same, z, mode, step)

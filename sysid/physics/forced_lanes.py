@@ -107,11 +107,10 @@ def lane_rates(
 ) -> Any:
     """Return the derivative of states and memory of one lane, as `forced_kernels.rates` does."""
     z0, z1, z2, z3, memory = z
-    first_cap = w[_first * WIDTH + i]
-    s0, s1 = min(z0, first_cap), min(z1, w[_second * WIDTH + i])
-    root = w[fk.ROOT * WIDTH + i] != 0.0
+    s0, s1 = min(z0, w[_first * WIDTH + i]), min(z1, w[_second * WIDTH + i])
     r0, r1 = math.sqrt(max(s0, 0.0)), math.sqrt(max(s1, 0.0))
-    t0, t1 = (r0 if root else s0), (r1 if root else s1)
+    t0 = s0 if w[fk.FIRST_POWER * WIDTH + i] == 1.0 else r0
+    t1 = s1 if w[fk.SECOND_POWER * WIDTH + i] == 1.0 else r1
     position = z0 if same else z1
     forward, back = w[fk.FRICTION_FORWARD * WIDTH + i], w[fk.FRICTION_BACK * WIDTH + i]
     dry = forward if side > 0.0 else back
@@ -148,8 +147,6 @@ def lane_rates(
         d3 = w[(_steady + 3) * WIDTH + i] + factor * w[(_drive + 3) * WIDTH + i]
         d3 += w[(_push + 3) * WIDTH + i] * force + w[12 * WIDTH + i] * t0 + w[13 * WIDTH + i] * t1
         d3 += w[14 * WIDTH + i] * z2 + w[15 * WIDTH + i] * z3
-    caught = w[fk.CAUGHT * WIDTH + i] * max(d0, 0.0)
-    d1 += caught if z0 >= first_cap else 0.0
     # Here the stiffness of the elastic-plastic element stands divided by its yield force.
     bend = w[fk.LOOP_BEND * WIDTH + i]
     change = w[fk.ELASTIC * WIDTH + i] * (z0 * (1.0 - bend * abs(memory)) - abs(z0) * memory)
@@ -320,7 +317,10 @@ def group_runs(
                         for j in range(MOST_STATES + 1):
                             after[j * WIDTH + i] = end[j]
                 else:
-                    after[i] = min(after[i], w[_first * WIDTH + i])
+                    over = max(after[i] - w[_first * WIDTH + i], 0.0)
+                    if over > 0.0:
+                        after[i] = w[_first * WIDTH + i]
+                        after[WIDTH + i] += w[fk.CAUGHT * WIDTH + i] * over
                     after[WIDTH + i] = min(after[WIDTH + i], w[_second * WIDTH + i])
             for j in range((MOST_STATES + 1) * WIDTH):
                 w[Z * WIDTH + j] = after[j]

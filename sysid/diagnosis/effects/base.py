@@ -150,6 +150,9 @@ class Form:
         Whether the output changes smoothly with the shape parameters.
     lowest : float
         Least value that an output map can show.
+    refines : bool
+        Whether it is a finer law of an effect that was found in another form, not looked for by itself:
+        it reaches from there to the model without the effect, so that it would fit too many things.
     """
 
     name: str
@@ -160,6 +163,7 @@ class Form:
     slope: str = "pointwise"
     smooth: bool = True
     lowest: float = -np.inf
+    refines: bool = False
 
     @property
     def shapes(self) -> tuple[int, ...]:
@@ -206,6 +210,16 @@ class Effect:
     forms: tuple[Form, ...]
     families: tuple[str, ...] = FAMILIES
     dry: bool = False
+
+    @property
+    def found_by(self) -> tuple[Form, ...]:
+        """The forms in which it is looked for."""
+        return tuple(form for form in self.forms if not form.refines)
+
+    @property
+    def refinements(self) -> tuple[Form, ...]:
+        """Finer laws, tried where it was found and something is left."""
+        return tuple(form for form in self.forms if form.refines)
 
     def form(self, name: str) -> Form:
         """Return a form by its name."""

@@ -12,6 +12,13 @@ SIGMA = EffectParameter(
 )
 FC = EffectParameter("Fc", "[F]", "force at which it slips", Grid("plain", (0.1, 1.0)), minimum=0.0)
 
+
+def _power(name: str, tank: str) -> EffectParameter:
+    """Return a power of a level: 1/2 through a hole, 1 through a narrow pipe, 3/2 through a slot."""
+    grid = Grid("plain", (0.5,))
+    return EffectParameter(name, "1", f"power of the {tank} level", grid, minimum=0.2, maximum=1.5)
+
+
 EFFECTS = (
     Effect(
         "coulomb",
@@ -185,11 +192,14 @@ EFFECTS = (
         "sqrt_outflow",
         "flow",
         "A tank empties with the square root of its level (Torricelli).",
-        "outflow a x becomes a sqrt(x)",
+        "outflow a x becomes a sqrt(x), or a x^power where the outlet is no hole",
         "fast at high levels, slow at low ones compared with the linear tank",
         "overflow acts only at the top; out_quadratic bends the reading only",
         "Wigren & Schoukens (2013), European Control Conference",
-        (Form("square root", ()),),
+        (
+            Form("square root", ()),
+            Form("power", (_power("power_1", "upper"), _power("power_2", "lower")), refines=True),
+        ),
         PHYSICS,
     ),
     Effect(
