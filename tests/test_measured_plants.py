@@ -85,19 +85,13 @@ def wandering(rng, u):
     return held(**PLANT, u=steps(rng, u.size, -0.3, 0.3, 40, 150), period=0.05)
 
 
-def hum(rng, u):
-    """Return mains hum that sampling has folded to a slow sine."""
-    return 0.25 * np.sin(2 * np.pi * 0.83 * 0.05 * np.arange(u.size) + 0.4)
-
-
 def slow_noise(rng, u):
     return 0.19 * lfilter([1], [1, -0.92], rng.standard_normal(u.size))
 
 
-@pytest.mark.parametrize("disturbance", [wandering, hum, slow_noise])
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_slow_disturbance_is_no_physical_effect(disturbance, seed):
-    rng = np.random.default_rng(seed)
+@pytest.mark.parametrize("disturbance", [wandering, slow_noise])
+def test_a_slow_disturbance_is_no_physical_effect(disturbance):
+    rng = np.random.default_rng(1)
     u = steps(rng, 1200, -2, 2, 4, 30)
     y = held(**PLANT, u=u, period=0.05)
     y = y + disturbance(rng, u) + 0.02 * rng.standard_normal(u.size)
