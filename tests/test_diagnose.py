@@ -162,7 +162,10 @@ def test_a_constant_force_of_the_model_itself_is_said():
     found = sysid.diagnose(
         record, "positioning-stage", initial_state="rest", effects=["constant_force", "in_saturation"]
     )
-    assert any("constant_force: already in the model, offset = 0.2" in s for s in found.sentences())
+    assert any(
+        "constant_force: a constant force is part of the model already, offset = 0.2" in s
+        for s in found.sentences()
+    )
 
 
 def test_effects_are_added_by_hand_and_offered_only_where_they_make_sense():

@@ -230,6 +230,7 @@ LAWS = {
     "gain": law(gain=0.3, gain_scale=0.5),
     "gravity": law(gravity=0.4, wave_number=30.0),
     "contact": law(**{"elastic": 5.0, "yield": 0.5}),
+    "contact bent": law(**{"elastic": 5.0, "yield": 0.5, "loop_bend": 0.4}),
     "nothing": law(),
 }
 

@@ -8,6 +8,7 @@ import pytest
 from sysid.data import make_record, read_record
 from sysid.demonstration.effects import Hidden, inside, map_input, map_output
 from sysid.demonstration.plants import Plant
+from sysid.diagnosis import physics_structure
 from sysid.diagnosis.effects import catalogue, find_effects
 from sysid.diagnosis.physics_free_run import runs
 from sysid.diagnosis.physics_hold import band_limited
@@ -114,6 +115,30 @@ def test_the_residual_is_filtered_as_the_protocol_says():
     run = problem.run(slice(0, rows.size), point[np.newaxis], None)[0]
     expected = filtered(run - found.record.y[:, 0], rows, noise)
     assert np.allclose(problem.residual(point), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["in_saturation", "cubic_stiffness", "out_quantisation"])
+def test_one_simulation_gives_residual_and_derivative(name):
+    """They are those of two simulations, to the bit: the same steps, other neighbours."""
+    found, _ = structure("two-mass", "", {})
+    problem = Problem(found.setting, [choice(name)], found.record.estimation, np.array([1.0, -0.4]), 0.3)
+    point = np.append(found.setting.nominal, 0.3)
+    assert problem.jumps == (name == "out_quantisation")
+    if not problem.jumps:
+        residual, J = problem.with_derivative(point)
+        np.testing.assert_array_equal(residual, problem.residual(point))
+        np.testing.assert_array_equal(J, problem.jacobian(point))
+
+
+def test_a_fit_whose_steps_are_spent_stops_and_says_so(monkeypatch):
+    found, _ = structure("two-mass", "quad_drag", {"drag": 2.0})
+    rows = found.record.estimation
+    base = found.baseline(rows)
+    monkeypatch.setattr(physics_structure, "BUDGETS", (1.0, 1.0, 1.0))
+    short = found.fit([choice("quad_drag")], rows, WHITE, base, effort=1)
+    assert short.status == physics_structure.SPENT
+    monkeypatch.undo()
+    assert found.fit([choice("quad_drag")], rows, WHITE, base, effort=1).status != physics_structure.SPENT
 
 
 def test_a_pair_of_effects_and_the_refit_on_more_rows():

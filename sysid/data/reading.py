@@ -1,13 +1,13 @@
 """Read a record from a table in a file."""
 
 from collections.abc import Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.columns import Wanted
 from sysid.data.formats import stored_table
 from sysid.data.notes import known_period, read_notes
 from sysid.data.record import Floats, Record, make_record, names_of
@@ -20,9 +20,6 @@ from sysid.errors import DataError, UsageError
 
 if TYPE_CHECKING:
     import pandas as pd
-
-TIME_COLUMN = "t"
-LISTED_COLUMNS = 20
 
 
 def read_record(
@@ -98,9 +95,8 @@ def read_record(
         if sign is not None and len(sign) != 1:
             raise UsageError(f"{what} is {sign!r}: give a single sign, or leave it out to have it detected")
     try:
-        return _read(
-            path, inputs, outputs, period, time, split, experiment, skip, separator, decimal, resample
-        )
+        wanted = Wanted(tuple(inputs), tuple(outputs), time, split, experiment)
+        return _read(path, wanted, period, skip, separator, decimal, resample)
     except DataError as problem:
         # What is found in the numbers does not know the file they came from.
         text = str(problem)
@@ -110,12 +106,8 @@ def read_record(
 
 def _read(
     path: Path,
-    inputs: Sequence[str],
-    outputs: Sequence[str],
+    wanted: Wanted,
     period: float | None,
-    time: str | None,
-    split: str | None,
-    experiment: str | None,
     skip: int | None,
     separator: str | None,
     decimal: str | None,
@@ -124,48 +116,26 @@ def _read(
     resample = None if resample is None else checked_period(resample)
     registered = registered_path(path)
     if registered is not None:
-        path, split, experiment = registered, split or SPLIT_COLUMN, experiment or EXPERIMENT_COLUMN
-    wanted = [*inputs, *outputs, *(name for name in (time, split, experiment) if name is not None)]
-    texts = [name for name in (split, experiment) if name is not None]
-    stored = stored_table(path)
-    if stored is None:
-        dialect = detect(path, separator, decimal)
-        columns = dialect.columns
-    else:
-        columns = stored.columns(wanted)
-    _check_columns(path, columns, wanted, inputs, outputs)
-    clock = time if time is not None else _restart_column(columns, wanted)
-    names = [*wanted, *([clock] if clock is not None else [])]
-    if stored is None:
-        table = read_table(path, dialect, names, texts)
-    else:
-        table = stored.read(names, texts)
-        period = stored.period() if period is None and time is None else period
+        path, wanted = registered, wanted.with_sets(SPLIT_COLUMN, EXPERIMENT_COLUMN)
+    table, clock, period = _table(path, wanted, period, separator, decimal)
     notes = read_notes(path)
-    labels = None if split is None else _text(table, split)
     remarks = list(notes.warnings)
-    try:
-        times = None if clock is None else _numbers(table, clock, path)
-    except DataError:
-        if time is not None:
-            raise
-        times = None
-        remarks.append(
-            f"Column {clock!r} does not hold numbers: restarts of the time are not looked for, experiments "
-            "are told apart by the experiment column only."
-        )
-    known = None if experiment is None else _text(table, experiment)
-    groups = _experiments(known, times, strict=time is not None)
-    units = named_units(wanted) | dict(notes.units)
-    if time is not None and times is not None:
-        times = in_seconds(times, time, units.get(time, ""), remarks)
+    labels = None if wanted.split is None else _text(table, wanted.split)
+    times = _times(table, clock, path, wanted.time is not None, remarks)
+    known = None if wanted.experiment is None else _text(table, wanted.experiment)
+    groups = _experiments(known, times, strict=wanted.time is not None)
+    units = named_units(wanted.names) | dict(notes.units)
+    if wanted.time is not None and times is not None:
+        times = in_seconds(times, wanted.time, units.pop(wanted.time, ""), remarks)
         if resample is None:
-            period = period_from_times(times, groups, time, period)
-    u = np.column_stack([_numbers(table, name, path) for name in inputs])
-    y = np.column_stack([_numbers(table, name, path) for name in outputs])
+            period = period_from_times(times, groups, wanted.time, period)
+    u, y = (
+        np.column_stack([_numbers(table, name, path) for name in names])
+        for names in (wanted.inputs, wanted.outputs)
+    )
     skips = notes.skips(labels) if skip is None else skip
     if resample is not None:
-        if time is None or times is None:
+        if wanted.time is None or times is None:
             times = clock_of(known_period(period, notes), groups, len(u))
         rows = resample_table(times, u, y, groups, labels, skips, resample)
         u, y, groups, labels, skips, period = rows.u, rows.y, rows.groups, rows.labels, rows.skip, resample
@@ -175,9 +145,9 @@ def _read(
         y,
         known_period(period, notes),
         name=path.name.removesuffix(".gz").rsplit(".", 1)[0],
-        inputs=tuple(inputs),
-        outputs=tuple(outputs),
-        units={name: unit for name, unit in units.items() if name != time},
+        inputs=wanted.inputs,
+        outputs=wanted.outputs,
+        units=units,
         split=labels,
         experiment=groups,
         skip=skips,
@@ -186,40 +156,34 @@ def _read(
     )
 
 
-def _check_columns(
-    path: Path,
-    columns: Sequence[str],
-    wanted: Sequence[str],
-    inputs: Sequence[str],
-    outputs: Sequence[str],
-) -> None:
-    for name in wanted:
-        if name not in columns:
-            near = _nearest(name, columns)
-            guess = f"; did you mean {near!r}?" if near else ":"
-            more = len(columns) - LISTED_COLUMNS
-            listed = ", ".join(columns[:LISTED_COLUMNS]) + (f" and {more} more" if more > 0 else "")
-            raise UsageError(f"{path.name} has no column {name!r}{guess} it has {listed}")
-        if columns.count(name) > 1:
-            raise DataError(f"{path.name} has {columns.count(name)} columns named {name!r}: rename one")
-    both = set(inputs) & set(outputs)
-    if both:
-        raise UsageError(f"column {both.pop()!r} is both input and output: choose one of the two")
-    for name in inputs:
-        if (times := list(inputs).count(name)) > 1:
-            raise UsageError(f"column {name!r} is given {times} times as input: give it once")
+def _table(
+    path: Path, wanted: Wanted, period: float | None, separator: str | None, decimal: str | None
+) -> "tuple[pd.DataFrame, str | None, float | None]":
+    """Return the wanted columns, the name of the time column, and the period, which the file may tell."""
+    stored = stored_table(path)
+    if stored is None:
+        dialect = detect(path, separator, decimal)
+        names, clock = wanted.found_in(path, dialect.columns)
+        return read_table(path, dialect, names, wanted.texts), clock, period
+    names, clock = wanted.found_in(path, stored.columns(wanted.names))
+    table = stored.read(names, wanted.texts)
+    return table, clock, stored.period() if period is None and wanted.time is None else period
 
 
-def _nearest(name: str, columns: Sequence[str]) -> str | None:
-    """Return the column that was perhaps meant; upper and lower case count as equal."""
-    folded = {column.casefold(): column for column in reversed(columns)}
-    near = get_close_matches(name.casefold(), list(folded), n=1, cutoff=0.5)
-    return folded[near[0]] if near else None
-
-
-def _restart_column(columns: Sequence[str], wanted: Sequence[str]) -> str | None:
-    """Return the time column that only tells where experiments restart."""
-    return TIME_COLUMN if TIME_COLUMN in columns and TIME_COLUMN not in wanted else None
+def _times(
+    table: "pd.DataFrame", clock: str | None, path: Path, required: bool, remarks: list[str]
+) -> Floats | None:
+    """Return the times in the unit of their column; a column that is not required need not be numbers."""
+    try:
+        return None if clock is None else _numbers(table, clock, path)
+    except DataError:
+        if required:
+            raise
+        remarks.append(
+            f"Column {clock!r} does not hold numbers: restarts of the time are not looked for, experiments "
+            "are told apart by the experiment column only."
+        )
+        return None
 
 
 def _numbers(table: "pd.DataFrame", name: str, path: Path) -> Floats:

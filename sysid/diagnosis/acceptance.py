@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from sysid.diagnosis.decision import Trial
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.evidence import block_separation
+from sysid.diagnosis.evidence import block_separation, chance_of
 from sysid.diagnosis.noise_colour import WHITE_NOISE
 from sysid.diagnosis.residual_evidence import Evidence
 from sysid.diagnosis.structures import WHITE, StructureFit, filtered
@@ -38,6 +38,7 @@ def is_accepted(
     agreed = (
         is_significant(evidence, trial)
         and evidence.own_criterion(trial.fit) < evidence.own_criterion(current)
+        and chance_under_own_noise(evidence, trial, current) < evidence.alpha
         and _holds(evidence, trial, current)
     )
     if not agreed or not further:
@@ -53,6 +54,22 @@ def is_accepted(
 def is_significant(evidence: Evidence, trial: Trial) -> bool:
     """Tell whether a candidate explains more than chance does, and more than its parameters cost."""
     return trial.p_value < evidence.alpha and trial.gain > 0.0
+
+
+def chance_under_own_noise(evidence: Evidence, trial: Trial, current: StructureFit) -> float:
+    """Return the chance that a candidate explains as much, by the colour of what it leaves itself.
+
+    What the probes leave has less slow noise than there is, for they follow it as they would follow an
+    effect.  With the true effect its own residual has the colour of the noise; without any, of all.
+    """
+    assert trial.fit is not None
+    if trial.noise.order == 0:
+        return trial.p_value
+    before = evidence.refitted(current, trial.noise)
+    after = evidence.refitted(trial.fit, trial.noise)
+    left = min(evidence.cost(fit, trial.noise) for fit in (trial.fit, after) if fit.usable)
+    ratio = (evidence.cost(before, trial.noise) - left) / max(left, 1e-300) * int(evidence.rows.sum())
+    return chance_of(ratio, trial.fit.n_parameters - current.n_parameters, trial.looks)
 
 
 def _holds(evidence: Evidence, trial: Trial, current: StructureFit) -> bool:
@@ -96,5 +113,6 @@ def tied(evidence: Evidence, trials: Sequence[Trial]) -> tuple[str, ...]:
         if trial.fit is not None
         and is_significant(evidence, trial)
         and block_separation(own, filtered(evidence.residual(trial.fit), rows, noise)) < TIED
+        and not (evidence.smooth and (1.0 - LEAST_FALL) * trial.validation > best.validation)
     ]
     return (best.name, *equals) if equals else ()

@@ -4,7 +4,9 @@ from collections.abc import Sequence
 
 from sysid.diagnosis.decision import NOISE_EFFECT, Decision
 from sysid.diagnosis.experiment import Responding, separating_experiment
+from sysid.diagnosis.residual_evidence import LEFT_P_VALUE
 from sysid.diagnosis.structures import Structure
+from sysid.diagnosis.verdict import LEFT_SHARE
 from sysid.diagnosis.wording import percent
 
 
@@ -30,6 +32,11 @@ def advise(structure: Structure, decision: Decision, accepted: Sequence[str]) ->
         return "The disturbance has a memory but follows neither input nor output: model it as noise."
     physical = [name for name in accepted if name != NOISE_EFFECT]
     sentence = f"Add {' and '.join(physical)}." if physical else "The effect that was found was not added."
+    if physical and decision.left_p_value < LEFT_P_VALUE and decision.left_share > LEFT_SHARE:
+        sentence += (
+            f" {percent(decision.left_share)} of the explainable error is left, which no candidate explains "
+            "well enough to be named."
+        )
     if len(decision.tie) > 1:
         sentence += (
             f" The record cannot tell {' from '.join(decision.tie)}.{_experiment(structure, decision)}"

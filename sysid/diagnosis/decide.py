@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 from sysid.data.record import Mask
 from sysid.diagnosis.acceptance import is_accepted, is_better_held_out, is_significant
@@ -9,7 +10,7 @@ from sysid.diagnosis.decision import NOISE_EFFECT, Decision, Trial
 from sysid.diagnosis.effects.base import Effect
 from sysid.diagnosis.growth import Grown, Growth
 from sysid.diagnosis.ranking import with_every_candidate
-from sysid.diagnosis.residual_evidence import Evidence, interleaved
+from sysid.diagnosis.residual_evidence import LEFT_P_VALUE, Evidence, interleaved
 from sysid.diagnosis.rungs import rungs_to
 from sysid.diagnosis.structures import WHITE, Structure, StructureFit
 from sysid.diagnosis.trials import POLISHED, Trials
@@ -20,6 +21,14 @@ from sysid.progress import Progress
 SETTLINGS = 2
 # How many runners-up are tried before a record counts as unexplained, and how many beside each.
 RUNNERS_UP, BESIDE_RUNNER_UP = 2, 4
+
+
+@runtime_checkable
+class Resampled(Protocol):
+    """A structure whose input may take another course between samples."""
+
+    def held_or_smooth(self) -> bool:
+        """Take the input's other course between samples; tell whether it may have another."""
 
 
 class Search:
@@ -75,11 +84,29 @@ class Search:
         record = self.structure.record
         attempt = self._attempt(record.estimation, record.validation)
         decision = attempt.decided()
+        if decision.left_p_value < LEFT_P_VALUE and isinstance(self.structure, Resampled):
+            attempt, decision = self._with_other_course(self.structure, attempt, decision)
         named = decision.verdict not in ("unexplained", "not-identifiable")
         if named and attempt.evidence.rows_disagree(decision.final):
             attempt = self._attempt(*interleaved(record.learning))
             decision = attempt.decided()
         return with_every_candidate(attempt.settled(decision), self.names, self._memory(attempt, decision))
+
+    def _with_other_course(
+        self, structure: "Resampled", attempt: "Attempt", decision: Decision
+    ) -> tuple["Attempt", Decision]:
+        """Decide once more with the input's other course between samples; return the better decision.
+
+        An input that was sampled, not held, makes every law wrong that is tried with a held one.
+        """
+        if not structure.held_or_smooth():
+            return attempt, decision
+        other = self._attempt(attempt.evidence.rows, attempt.evidence.held_out)
+        found = other.decided()
+        if is_better_held_out(attempt.evidence, found.final, decision.final):
+            return other, found
+        structure.held_or_smooth()
+        return attempt, decision
 
     def _attempt(self, rows: Mask, held_out: Mask) -> "Attempt":
         """Return the search on these rows."""

@@ -30,6 +30,8 @@ class Trial:
         Chance that the best of all candidates looks as good with nothing missing.
     validation : float
         Root mean square of the free-run error on the validation rows.
+    looks : int
+        Places at which all candidates were tried.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Trial:
     gain: float = 0.0
     p_value: float = 1.0
     validation: float = np.inf
+    looks: int = 1
 
 
 @dataclass(frozen=True, eq=False)

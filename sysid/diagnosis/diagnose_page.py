@@ -17,7 +17,7 @@ from sysid.diagnosis.drawing import (
 )
 from sysid.diagnosis.figures import port_pictures
 from sysid.diagnosis.figures_run import seconds_of
-from sysid.diagnosis.wording import percent, quantity, significant
+from sysid.diagnosis.wording import percent, plus_minus, quantity, significant
 from sysid.reporting.style import COLOURS, style, svg
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ def _parameters(diagnosis: "Diagnosis") -> Table:
         (
             f"{p.owner}: {p.name}" if p.owner else p.name,
             significant(p.value, 4),
-            f"± {significant(1.96 * p.std_error, 2)}" if np.isfinite(p.std_error) else "",
+            plus_minus(p.std_error),
             p.unit,
         )
         for p in diagnosis.final.parameters

@@ -6,9 +6,11 @@ import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
 
+# Simulated records without an effect: p-values are multiples of 1/2000.
 REPLICATES = 1999
 # Directions that the others already span to this share are left out.
 DEPENDENT = 1e-7
+# Blocks of rows of a paired test.
 BLOCKS = 24
 
 
@@ -49,10 +51,28 @@ class ScoreScreen:
         n_parameters : int
             Parameters of the effect, its shape included.
         """
-        from scipy.special import gammaincc
+        return max(chance_of(ratio, n_parameters, self.n_points), 1.0 / (1 + self.null.size))
 
-        chance = self.n_points * float(gammaincc(0.5 * max(n_parameters, 1), 0.5 * max(ratio, 0.0)))
-        return min(max(chance, 1.0 / (1 + self.null.size)), 1.0)
+
+def chance_of(ratio: float, n_parameters: int, looks: int) -> float:
+    """Return a bound on the chance that the cost falls so much at one of several looks.
+
+    Parameters
+    ----------
+    ratio : float
+        How much the cost falls, in units of the noise variance.
+    n_parameters : int
+        By which it falls.
+    looks : int
+
+    Examples
+    --------
+    >>> round(chance_of(3.841, 1, 1), 4), round(chance_of(3.841, 1, 10), 4)
+    (0.05, 0.5001)
+    """
+    from scipy.special import gammaincc
+
+    return min(looks * float(gammaincc(0.5 * max(n_parameters, 1), 0.5 * max(ratio, 0.0))), 1.0)
 
 
 def score_screen(

@@ -15,6 +15,7 @@ from sysid.diagnosis.evidence import block_separation
 from sysid.diagnosis.noise_colour import noise_of
 from sysid.diagnosis.scores import finite, nrmse_interval, score
 from sysid.diagnosis.structures import WHITE, Choice, FittedParameter, Structure, StructureFit
+from sysid.diagnosis.wording import NORMAL_95
 from sysid.errors import UsageError
 
 # The finest search of an effect that is added by hand.
@@ -82,7 +83,7 @@ class DiagnosedModel:
     def __repr__(self) -> str:
         lines = [f"Model {self.structure.name!r} with {', '.join(self.fitted.names) or 'no effect'}"]
         lines += [
-            f"  {p.name:12s} {p.value: .6g} ± {1.96 * p.std_error:.2g} {p.unit}" for p in self.parameters
+            f"  {p.name:12s} {p.value: .6g} ± {NORMAL_95 * p.std_error:.2g} {p.unit}" for p in self.parameters
         ]
         return "\n".join(lines)
 

@@ -23,7 +23,9 @@ from sysid.errors import UsageError
 
 # Relative step of a difference quotient: between rounding and curvature for values of any size.
 STEP = 1e-5
+# A step in a strength is enlarged until its change is this share of what it is added to.
 LEAST_FELT = 1e-6
+# Least value of a shape whose bound is zero, as a share of the largest one on its grid.
 LEAST_SHAPE = 1e-6
 # Ports of effects that act within the equation; the compiled run takes so many.
 DRIVING, MOST_DRIVES = ("force", "gain"), 2
@@ -64,6 +66,13 @@ class Data:
         parts = zip(self.begin[:-1], self.begin[1:], strict=True)
         return np.concatenate([apply(sequence[i:j], p, self.period) for i, j in parts])
 
+    def lagged(self, signal: Floats, lag: int) -> Floats:
+        """Delay a signal by whole samples within each experiment."""
+        out = np.zeros_like(signal)
+        for i, j in zip(self.begin[:-1], self.begin[1:], strict=True):
+            out[i + lag : j] = signal[i : max(j - lag, i)]
+        return out
+
 
 @dataclass(frozen=True, eq=False)
 class Run:
@@ -100,7 +109,7 @@ class Chain:
                 f"{len(drives)} forces are asked for in a linear model: take at most {MOST_DRIVES}"
             )
         self.drives = drives
-        self._bounds: dict[int, tuple[Floats, Floats]] = {}
+        self._bounds: dict[Data, tuple[Floats, Floats]] = {}
         self._places: dict[int, list[slice]] = {}
         compiled = [drive_of(choices[i].effect, choices[i].form) for i in drives]
         laws = [*compiled, *[no_drive()] * (MOST_DRIVES - len(drives))] if drives else []
@@ -128,8 +137,8 @@ class Chain:
 
     def bounds(self, data: Data) -> tuple[Floats, Floats]:
         """Return lower and upper bounds of a point."""
-        if id(data) in self._bounds:
-            return self._bounds[id(data)]
+        if data in self._bounds:
+            return self._bounds[data]
         free = np.full(self.n_linear(data), np.inf)
         parameters = [p for c in self.choices for p in c.form.parameters]
         # A shape stays a little away from zero, where a relative step of its difference would vanish.
@@ -140,8 +149,8 @@ class Chain:
             for p in parameters
         ]
         upper = [p.maximum for p in parameters]
-        self._bounds[id(data)] = np.concatenate([-free, lower]), np.concatenate([free, upper])
-        return self._bounds[id(data)]
+        self._bounds[data] = np.concatenate([-free, lower]), np.concatenate([free, upper])
+        return self._bounds[data]
 
     def run(self, data: Data, point: Floats) -> Run | None:
         """Simulate; None if it diverges."""

@@ -16,6 +16,7 @@ from sysid._compile import Kernel, compiled
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.effects.laws import Drive, drive_signature
 
+# A run beyond this value has diverged.
 LARGEST = 1e12
 
 _number, _row, _index = types.float64, types.Array(types.float64, 1, "C"), types.Array(types.int64, 1, "C")

@@ -11,6 +11,7 @@ from sysid.diagnosis.structures import WHITE
 
 # Searches agree when their root mean square errors differ by this share.
 AGREEMENT = 1e-3
+# Searches of a round, and standard deviations of the logarithm by which time constants are stretched.
 RESTARTS, SPREADS, RESTART_SEED = 12, (0.4, 0.15, 0.05), 3
 
 

@@ -12,9 +12,10 @@ from sysid.diagnosis.linear_starts import with_regressed_coefficients
 
 # A grid of two shapes is searched whole up to this size, beyond it one shape after the other.
 LARGEST_PRODUCT = 50
-GRID_ITERATIONS = 3
+# Iterations at each point of the grid, enough to rank them, and from the best ones for a ranking or an end.
+GRID_ITERATIONS, COARSE_ITERATIONS, FINE_ITERATIONS = 3, 8, 40
+# A start from a regression helps if it lowers the cost to this share.
 MUCH_BETTER = 0.8
-COARSE_ITERATIONS, FINE_ITERATIONS = 8, 40
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 

@@ -9,7 +9,9 @@ from sysid.diagnosis.linear_kernels import is_stable, simulate
 from sysid.diagnosis.sign_retrieval import retrieved_signs
 from sysid.diagnosis.structures import WHITE
 
+# Rounds of fitting under the signs of the fit before.
 RETRIEVALS = 6
+# Regressions, each filtered by the denominator of the one before.
 REFILTERED = 4
 
 
@@ -128,8 +130,8 @@ def _regressed(
     inputs = [x] if felt is None else [x, felt]
     signals = [z, *inputs, np.ones(z.size), np.arange(z.size) / z.size]
     rows = [data.by_experiment(lambda s, p, T: _all_pole(s, a), signal, a) for signal in signals]
-    columns = [_lagged(data, -rows[0], i) for i in range(1, n + 1)]
-    columns += [_lagged(data, row, i) for row in rows[1:-2] for i in range(1, n + 1)]
+    columns = [data.lagged(-rows[0], i) for i in range(1, n + 1)]
+    columns += [data.lagged(row, i) for row in rows[1:-2] for i in range(1, n + 1)]
     X = np.array([*columns, *rows[-2:]]).T[data.used]
     size = np.linalg.norm(X, axis=0)
     if not np.isfinite(size).all() or (size == 0.0).any():
@@ -152,10 +154,3 @@ def _all_pole(signal: Floats, a: Floats) -> Floats:
     start[0, 0] = signal[0]
     simulate(padded, np.append(a, 0.0), b, 0.0, start, begin, z)
     return z
-
-
-def _lagged(data: Data, signal: Floats, lag: int) -> Floats:
-    out = np.zeros_like(signal)
-    for i, j in zip(data.begin[:-1], data.begin[1:], strict=True):
-        out[i + lag : j] = signal[i : max(j - lag, i)]
-    return out

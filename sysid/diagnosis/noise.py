@@ -12,11 +12,14 @@ from sysid.diagnosis.periods import EQUAL, Periodic, periodic_part
 from sysid.diagnosis.scores import finite
 from sysid.linear.forms import Floats
 
-TARGETS = 20_000
-FEWEST_TARGETS = 60
+# Rows that the one-step predictor learns at most, and the fewest of a stretch worth learning.
+TARGETS, FEWEST_TARGETS = 20_000, 60
+# Most lags of each signal that enter linearly, and those of each input that enter bent, too.
 OUTPUT_LAGS, INPUT_LAGS, MODEL_LAGS, ERROR_LAGS = 30, 15, 3, 5
 SHAPED_LAGS = 3
+# Quantiles of a signal at which its piecewise linear functions bend.
 KNOTS = (0.05, 0.15, 0.3, 0.5, 0.7, 0.85, 0.95)
+# Regressions, each with the prediction errors of the one before; by then these hardly change.
 PASSES = 5
 ROWS_PER_REGRESSOR = 8
 # Spectrum of the free run's error: rows of a segment, and bands of which the quietest counts.
@@ -25,6 +28,7 @@ LONGEST_SEGMENT, SEGMENTS, QUIET_BANDS = 256, 4, 12
 QUIETEST_OF_BANDS = 1.63
 # A window of Hann joins neighbouring lines, and segments that overlap by a half tell the same in part.
 LINES_JOINED, SEGMENTS_JOINED = 1.5, 1.2
+# Two estimates that differ by more than this factor are both told.
 WIDE = 1.25
 ONE_STEP = "one-step error of a nonparametric nonlinear autoregression"
 QUIET = "the quietest frequencies of the error if noise is white"

@@ -27,22 +27,23 @@ NEARLY, NEARLY_SAME_OUTPUT = 5e-3, 0.1
 def descents(problem: Problem, starts: Sequence[Floats]) -> list[Minimum[Residual]]:
     """Return where searches from model parameters end, the best first."""
     points = [with_states(problem, start) for start in starts]
-    ends = [
-        problem.descend(point, EVALUATIONS[2], TOLERANCES[2])
-        for point in points
-        if np.isfinite(problem.cost(point))
-    ]
-    return sorted(ends, key=cost_of)
+    ends = [problem.descend_if_finite(point, EVALUATIONS[2], TOLERANCES[2]) for point in points]
+    return sorted((end for end in ends if end is not None), key=cost_of)
 
 
 def ends_beside(
-    problem: Problem, before: Problem, known: Floats, new: Sequence[int], effort: int
+    problem: Problem,
+    before: Problem,
+    known: Floats,
+    new: Sequence[int],
+    effort: int,
+    further: Sequence[Floats],
 ) -> list[Minimum[Residual]]:
-    """Search from the best points of the grid, around the fit so far and around the nominal values."""
-    found: list[Floats] = []
-    for centre in _centres(problem, before, known):
-        found += [point for _, point in grid_starts(problem, before, centre, new)[: DESCENTS[effort]]]
-    tried = [problem.descend(x, TRIED, TOLERANCES[effort]) for x in found if np.isfinite(problem.cost(x))]
+    """Search from the best points of the grid, around the fit so far and around the nominal values.
+
+    Points of ``further`` are tried besides.
+    """
+    tried = tried_beside(problem, before, known, new, effort, further)
     if not tried:
         tried = [problem.descend(problem_point(problem, before, known), 2, TOLERANCES[effort])]
     ends = [
@@ -56,6 +57,22 @@ def ends_beside(
     scanned = None if effort == 2 else new
     ends[0] = refined(problem, ends[0], EVALUATIONS[1], TOLERANCES[effort], scanned)
     return ends
+
+
+def tried_beside(
+    problem: Problem,
+    before: Problem,
+    known: Floats,
+    new: Sequence[int],
+    effort: int,
+    further: Sequence[Floats] = (),
+) -> list[Minimum[Residual]]:
+    """Return where short searches from the best points of the grid, and from further ones, have come to."""
+    found = list(further)
+    for centre in _centres(problem, before, known):
+        found += [point for _, point in grid_starts(problem, before, centre, new)[: DESCENTS[effort]]]
+    runs = [problem.descend_if_finite(x, TRIED, TOLERANCES[effort]) for x in found]
+    return [end for end in runs if end is not None]
 
 
 def _centres(problem: Problem, before: Problem, known: Floats) -> list[Floats]:

@@ -1,6 +1,5 @@
 """Directions in which an effect, listed or not, would change the free run of a physical model."""
 
-from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
@@ -10,13 +9,12 @@ from sysid.diagnosis.physics_free_run import runs
 from sysid.diagnosis.physics_problem import Problem, problem_of
 from sysid.diagnosis.physics_search import DRY_PROBE, PROBE, problem_point, shape_values
 from sysid.diagnosis.physics_setting import Setting
+from sysid.diagnosis.probe_functions import EXTRA_LAGS, probe_functions
 from sysid.diagnosis.structures import Choice, StructureFit
 from sysid.physics.forced import ForcedPlant
 
 # Share of the input at which the response to a small signal is measured.
 RIPPLE = 1e-3
-DEGREES = (2, 3, 4, 5)
-EXTRA_LAGS = 8
 # Larger grids are thinned out: neighbours would tell the same.
 MOST_SHAPES = 24
 
@@ -96,9 +94,11 @@ def probes(setting: Setting, fit: StructureFit) -> Floats:
         speed = np.gradient(y) if port.velocity is None else states[0, :, port.velocity]
         if port.velocity == port.position and port.velocity is not None:
             speed = np.gradient(position)
-        functions = np.array(list(_functions(u[:, 0], position, speed)))
+        time, before = np.linspace(-1.0, 1.0, u.shape[0]), _lagged(u[:, 0], 1)
+        functions = np.array([*probe_functions(u[:, 0], before, position, speed, time)])
         # What is held over a sample is best known in its middle.
-        held = np.array(list(_functions(u[:, 0], _in_the_middle(position), _in_the_middle(speed))))
+        middle = _in_the_middle(position), _in_the_middle(speed)
+        held = np.array([*probe_functions(u[:, 0], before, *middle, time)])
         through = _through(problem, fit.point, (part, numbers.get(part.start)), held)
         lags = [_lagged(u[:, 0], lag) for lag in range(2 * plant.order + EXTRA_LAGS + 1)]
         found.append(np.vstack([functions, *through, lags]))
@@ -118,32 +118,9 @@ def _through(
     return found
 
 
-def _functions(u: Floats, position: Floats, speed: Floats) -> Iterator[Floats]:
-    before = _lagged(u, 1)
-    rise = _scaled(u - before)
-    signals = [_scaled(signal) for signal in (u, position, speed)]
-    for signal in signals:
-        for degree in DEGREES:
-            yield np.polynomial.legendre.Legendre.basis(degree)(np.clip(signal / 3.0, -1.0, 1.0))
-        yield np.sign(signal)
-    u, position, speed = signals
-    before = _scaled(before)
-    yield from (u * position, u * speed, position * speed, u * before, np.sign(rise), np.abs(rise))
-    yield from (u * np.sign(speed), position * np.abs(speed), position**2 * speed, u * np.abs(rise))
-    yield from (u**2 * before, u * before**2, position**2 * u, np.sign(speed) * np.abs(position))
-    time = np.linspace(-1.0, 1.0, u.size)
-    for factor in (np.ones(u.size), u, position):
-        for degree in (0, 1, 2, 3):
-            yield factor * np.polynomial.legendre.Legendre.basis(degree)(time)
-
-
 def _in_the_middle(signal: Floats) -> Floats:
     """Return the mean of each value and the next."""
     return np.asarray(0.5 * (signal + np.append(signal[1:], signal[-1:])))
-
-
-def _scaled(signal: Floats) -> Floats:
-    return np.asarray(signal / (float(np.std(signal)) or 1.0))
 
 
 def _lagged(signal: Floats, lag: int) -> Floats:

@@ -28,7 +28,7 @@ _LAWS: Mapping[str, Callable[[Floats], Coefficients]] = {
         "stribeck_speed": max(p[2], 1e-300),
     },
     "asymmetric_friction": lambda p: {"friction_forward": p[0], "friction_back": p[1]},
-    "hysteresis_force": lambda p: {"elastic": p[0], "yield": p[1]},
+    "hysteresis_force": lambda p: {"elastic": p[0], "yield": p[1], "loop_bend": sum(p[2:])},
     "quad_drag": lambda p: {"drag": p[0]},
     "cubic_stiffness": lambda p: {"cubic": p[0]},
     "gravity_sine": _sine,
@@ -56,7 +56,7 @@ def has_law(effect: Effect) -> bool:
 
 
 def coefficients(choices: Sequence[Choice], parameters: Sequence[Floats]) -> Floats:
-    """Return the law of a sum of effects, shape (17,).
+    """Return the law of a sum of effects, shape (18,).
 
     Examples
     --------

@@ -1,16 +1,21 @@
 """The least-squares problem of a physical model with effects: free-run error over all unknowns."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.noise_filter import filtered_lines
 from sysid.diagnosis.physics_laws import INNER, coefficients, lower_bound, typical_size
 from sysid.diagnosis.physics_setting import LARGEST_LOGARITHM, Setting
 from sysid.diagnosis.structures import WHITE, Choice, StructureFit, filtered
 from sysid.diagnosis.whitening import opening
+from sysid.errors import UsageError
 from sysid.physics.model import Parameter
 from sysid.separable.descent import Minimum, Residual, descend
 
@@ -21,7 +26,29 @@ FURTHEST = 3.0
 # Step of the difference quotients, relative to the size of the unknown: truncation and rounding both
 # stay below 1e-5 of the derivative.
 DIFFERENCE = 1e-6
+# An unknown near zero is moved as one of this share of its typical size.
 SMALLEST_SHARE = 1e-2
+
+
+@dataclass
+class Budget:
+    """Steps that the simulations of one fit may still take: not seconds, so that results repeat.
+
+    Attributes
+    ----------
+    left : float
+    spent : bool
+        Whether a search was cut short.
+    """
+
+    left: float = np.inf
+    spent: bool = False
+
+    def evaluations(self, wanted: int, steps: float) -> int:
+        """Return how many evaluations of so many steps may be made: what is wanted, or at least two."""
+        allowed = max(int(min(self.left / max(steps, 1.0), wanted)), 2)
+        self.spent |= allowed < wanted
+        return min(allowed, wanted)
 
 
 class Problem:
@@ -40,6 +67,8 @@ class Problem:
         Largest product of the model's fastest rate and the Runge-Kutta step.
     free_start : bool, optional
         As the setting has it by default.
+    budget : Budget, optional
+        Of all problems of one fit.
     """
 
     def __init__(
@@ -50,9 +79,11 @@ class Problem:
         noise: Floats,
         largest: float,
         free_start: bool | None = None,
+        budget: Budget | None = None,
     ) -> None:
         self.setting, self.choices, self.rows, self.noise = setting, tuple(choices), rows, noise
         self.largest = largest
+        self.budget = Budget() if budget is None else budget
         self.free_start = setting.free_start if free_start is None else free_start
         record = setting.record
         self.parts = [part for part in record.slices if rows[part].any()]
@@ -73,11 +104,11 @@ class Problem:
         self.held = np.zeros(self.size, dtype=bool)
 
     @cached_property
-    def runs(self) -> list[slice]:
-        """Stretches of rows that follow one another, by their place among the rows that count."""
+    def run_edges(self) -> NDArray[np.int64]:
+        """First place, among the rows that count, of each run of rows that follow one another; the end."""
         places = np.flatnonzero(self.rows)
-        first = np.flatnonzero(np.diff(places, prepend=-2) != 1).tolist()
-        return [slice(a, b) for a, b in zip(first, [*first[1:], places.size], strict=True)]
+        first = np.flatnonzero(np.diff(places, prepend=-2) != 1)
+        return np.append(first, places.size).astype(np.int64)
 
     @property
     def size(self) -> int:
@@ -112,10 +143,21 @@ class Problem:
 
     def outputs(self, points: Floats, *, rounded: bool = True) -> Floats:
         """Return the free run on the rows that count, unfiltered, shape (lanes, n_rows)."""
-        runs = (self.run(part, points, number, rounded=rounded) for number, part in enumerate(self.parts))
-        return np.concatenate(
-            [run[:, self.rows[part]] for run, part in zip(runs, self.parts, strict=True)], axis=1
-        )
+        runs = [
+            self.run(part, points, number, rounded=rounded)[:, chosen]
+            for number, (part, chosen) in enumerate(zip(self.parts, self._chosen, strict=True))
+        ]
+        return runs[0] if len(runs) == 1 else np.concatenate(runs, axis=1)
+
+    @cached_property
+    def _chosen(self) -> list[Any]:
+        """Rows that count in each part: a slice, which copies nothing, where they follow one another."""
+        found: list[Any] = []
+        for part in self.parts:
+            rows = np.flatnonzero(self.rows[part])
+            unbroken = rows.size == rows[-1] + 1 - rows[0]
+            found.append(slice(int(rows[0]), int(rows[-1]) + 1) if unbroken else self.rows[part])
+        return found
 
     def run(
         self,
@@ -137,11 +179,12 @@ class Problem:
         values = np.tile(setting.known, (lanes, 1))
         values[:, setting.places] = setting.to_values(points[:, : self.n_model])
         effects = [[point[place] for place in self.effect_places] for point in points]
-        laws = np.array([coefficients(self.choices, own) for own in effects])
+        laws = self._laws(effects)
         starts = self._starts(points, number)
         u = setting.record.u[part]
         driven = self._inputs(u, effects)
         steps = plant.substeps(values[:1], self.largest) if plant.always_steps or not self.exact else 1
+        self.budget.left -= lanes * u.shape[0] * steps
         y = plant.run(values, laws, driven, starts, steps, states, self.exact)
         return self._outputs(y, u[:, 0], effects, rounded)
 
@@ -162,7 +205,7 @@ class Problem:
         values = np.tile(setting.known, (lanes, 1))
         values[:, setting.places] = setting.to_values(point[: self.n_model])
         effects = [[point[place] for place in self.effect_places]] * lanes
-        laws = np.array([coefficients(self.choices, own) for own in effects])
+        laws = self._laws(effects)
         u = setting.record.u[part]
         driven = self._inputs(u, effects)
         driven = np.tile(driven, (lanes, 1, 1)) if driven.ndim == 2 else driven
@@ -173,17 +216,36 @@ class Problem:
         y = self._outputs(runs, u[:, 0], effects, False)
         return np.asarray(y[1:] - y[0])
 
+    def _laws(self, effects: Sequence[Sequence[Floats]]) -> Floats:
+        """Return the law of each lane; most lanes of a Jacobian share theirs."""
+        found: dict[bytes, Floats] = {}
+        lanes = []
+        for parameters in effects:
+            key = b"".join(own.tobytes() for own in parameters)
+            if key not in found:
+                found[key] = coefficients(self.choices, parameters)
+            lanes.append(found[key])
+        return np.array(lanes)
+
     def _inputs(self, u: Floats, effects: Sequence[Sequence[Floats]]) -> Floats:
         """Send the first input through the effects at the input, if there are any."""
         own = [i for i, choice in enumerate(self.choices) if choice.effect.port == "input"]
         if not own:
             return u
+        found: dict[bytes, Floats] = {}
+        lanes = []
+        for parameters in effects:
+            key = b"".join(parameters[i].tobytes() for i in own)
+            if key not in found:  # most lanes of a Jacobian share their input
+                signal = u[:, 0]
+                for i in own:
+                    signal = self._applied(i, signal, parameters[i])
+                found[key] = signal
+            lanes.append(found[key])
+        if len(found) == 1 and u.shape[1] == 1:
+            return lanes[0][:, np.newaxis]
         driven = np.tile(u, (len(effects), 1, 1))
-        for lane, parameters in enumerate(effects):
-            signal = u[:, 0]
-            for i in own:
-                signal = self._applied(i, signal, parameters[i])
-            driven[lane, :, 0] = signal
+        driven[:, :, 0] = lanes
         return driven
 
     def _outputs(self, y: Floats, u: Floats, effects: Sequence[Sequence[Floats]], rounded: bool) -> Floats:
@@ -214,15 +276,9 @@ class Problem:
         outputs = self.outputs(points, rounded=rounded)
         out = outputs
         if self.noise.size > 1:
-            out = outputs.copy()
-            for run in self.runs:
-                for lag in range(1, min(self.noise.size, run.stop - run.start)):
-                    out[:, run.start + lag : run.stop] += (
-                        self.noise[lag] * outputs[:, run.start : run.stop - lag]
-                    )
-                count = min(self.noise.size - 1, run.stop - run.start)
-                first = slice(run.start, run.start + count)
-                out[:, first] = outputs[:, first] @ opening(self.noise)[:count, :count].T
+            out = filtered_lines(
+                np.ascontiguousarray(outputs), self.run_edges, self.noise, opening(self.noise)
+            )
         return np.asarray(out - self.target)
 
     def residual(self, point: Floats) -> Floats:
@@ -254,9 +310,9 @@ class Problem:
         return self._quotients(self.errors(points, rounded=False), moved)
 
     def _quotients(self, errors: Floats, moved: Floats) -> Floats:
-        J = np.zeros((errors.shape[1], self.size))
-        J[:, ~self.held] = ((errors[1:] - errors[0]) / moved[:, np.newaxis]).T
-        return J
+        lines = np.zeros((self.size, errors.shape[1]))
+        lines[~self.held] = (errors[1:] - errors[0]) / moved[:, np.newaxis]
+        return lines.T
 
     def with_derivative(self, point: Floats) -> tuple[Floats, Floats]:
         """Return residual and Jacobian from runs side by side, which take little longer than one alone."""
@@ -270,6 +326,24 @@ class Problem:
         forms = [choice.form for choice in self.choices if choice.effect.port == "output"]
         return any(not form.smooth and form.slope == "identity" for form in forms)
 
+    @property
+    def steps_of_an_evaluation(self) -> float:
+        """Steps that a residual with its Jacobian takes."""
+        rows = sum(part.stop - part.start for part in self.parts)
+        plant = self.setting.plant
+        inside = plant.always_steps or not self.exact
+        substeps = plant.substeps(self.setting.known[np.newaxis], self.largest) if inside else 1
+        return float((1 + self.size) * rows * substeps)
+
+    def descend_if_finite(
+        self, point: Floats, evaluations: int, tolerance: float
+    ) -> Minimum[Residual] | None:
+        """Search on from a point; None if the model diverges there."""
+        try:
+            return self.descend(point, evaluations, tolerance)
+        except UsageError:
+            return None
+
     def descend(self, point: Floats, evaluations: int, tolerance: float) -> Minimum[Residual]:
         """Search on by Levenberg and Marquardt's method until the cost falls by a negligible share."""
         lower, upper = self.bounds
@@ -279,7 +353,7 @@ class Problem:
                 np.clip(point, lower, upper),
                 bounds=(lower, upper),
                 negligible=tolerance,
-                max_evaluations=evaluations,
+                max_evaluations=self.budget.evaluations(evaluations, self.steps_of_an_evaluation),
             )
 
 
@@ -309,7 +383,7 @@ class _Evaluation:
 
 def finite(J: Floats) -> Floats:
     """Return a Jacobian with zeros where a small move makes the model diverge."""
-    return np.nan_to_num(J, nan=0.0, posinf=0.0, neginf=0.0)
+    return J if np.isfinite(J).all() else np.nan_to_num(J, nan=0.0, posinf=0.0, neginf=0.0)
 
 
 def _logarithm(parameter: Parameter, value: float, unbounded: float) -> float:

@@ -9,14 +9,19 @@ from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics_problem import Problem, finite
 from sysid.separable.descent import Minimum, Residual
 
-# Share of a strength's typical size at which its linear effect is measured.
-PROBE = 1e-5
-DRY_PROBE = 0.05
-SHARES = (1.0, 0.3)
-DRY_SIZES = (0.1, 0.5)
+# Share of a strength's typical size at which its effect is measured; that of a dry friction is not linear
+# and is measured at a size that it may have.
+PROBE, DRY_PROBE = 1e-5, 0.05
+# Searches start at these shares of the strengths that would be best if their effect were linear, and for a
+# dry friction also at these shares of its typical size.
+SHARES, DRY_SIZES = (1.0, 0.3), (0.1, 0.5)
+# Points of the grid of several shapes: each is a simulation.
 MOST_COMBINATIONS = 64
+# Rows that are simulated at a time, in all runs together: 24 MB.
 LANE_ROWS = 3_000_000
+# Scans of a shape by which the output jumps, each around the best of the one before, and their points.
 REFINEMENTS, REFINED_POINTS = 3, 25
+# Stiffness and yield force of an elastic contact, relative to the forces in the model.
 CONTACT_SHARES = ((0.3, 3.0, 30.0), (0.1, 0.3, 0.8))
 RANK_TOLERANCE = 1e-9
 

@@ -13,10 +13,12 @@ from sysid.separable.descent import levenberg_marquardt
 FREQUENCIES = 40
 # The response is compared up to this share of the Nyquist frequency.
 HIGHEST = 0.8
-DRAWS, SPREAD = 24, 4.0
+# Draws of the logarithms around the nominal values: a factor of exp(4) = 55 to each side.
+DRAWS, SPREAD, SEED = 24, 4.0, 11
 EVALUATIONS = 60
+# So many of the best are searched by the free run.
 KEPT = 4
-SEED = 11
+# Gains below this one count as this one: their logarithm is taken.
 FLOOR = 1e-12
 
 

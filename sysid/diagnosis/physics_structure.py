@@ -19,6 +19,7 @@ from sysid.diagnosis.physics_descents import (
     descents,
     ends_beside,
     nearly_agree,
+    tried_beside,
 )
 from sysid.diagnosis.physics_directions import directions, probes
 from sysid.diagnosis.physics_free_run import free_run, runs
@@ -26,7 +27,7 @@ from sysid.diagnosis.physics_hold import SMOOTHER, band_limited
 from sysid.diagnosis.physics_laws import SMOOTH_LAWS, SWITCHES, has_law, with_level
 from sysid.diagnosis.physics_parameters import named_parameters, standard_errors
 from sysid.diagnosis.physics_points import moved
-from sysid.diagnosis.physics_problem import COARSE_STEP, FINE_STEP, Problem, problem_of
+from sysid.diagnosis.physics_problem import COARSE_STEP, FINE_STEP, Budget, Problem, problem_of
 from sysid.diagnosis.physics_search import Tangent, problem_point, refined
 from sysid.diagnosis.physics_setting import Plant, setting_of
 from sysid.diagnosis.physics_starts import wide_starts
@@ -39,11 +40,14 @@ from sysid.separable.descent import Minimum, Residual
 
 # A search runs on the first rows, so many; its end is polished on all.
 SEARCH_ROWS = 2_500
-RESTARTS, MORE_RESTARTS = 4, 16
-SPREAD = 0.25
-SEED = 7
+# Draws around the nominal values, of values known within some 20 %; more where no two searches agree.
+RESTARTS, MORE_RESTARTS, SPREAD, SEED = 4, 16, 0.25, 7
+# A gain is free when the parameters can follow a scaled output on so many rows up to this share.
 GAIN_ROWS, SAME_DIRECTION = 1_000, 1e-4
+# Most steps that the simulations of a fit of each effort may take, for so many rows; more for more rows.
+BUDGETS, BUDGET_ROWS = (60e6, 25e6, 80e6), 1_200
 DIVERGES = "it diverges"
+SPENT = "stopped: the simulations took as many steps as a fit is given; the minimum may be lower"
 
 
 class PhysicsStructure:
@@ -146,6 +150,19 @@ class PhysicsStructure:
         self._use(smooth.plant)
         return self._baseline(rows)
 
+    def held_or_smooth(self) -> bool:
+        """Take the input's other course between samples; tell whether it may have another.
+
+        What is missing can change the free run more than the course between samples does, so that the
+        baseline does not show which one it is.
+        """
+        if not isinstance(self.plant, ForcedPlant) or not band_limited(self.record, self.record.learning):
+            return False
+        other = "zero" if self.plant.hold == "smooth" else "smooth"
+        self._hold_chosen = True
+        self._use(ForcedPlant(self.model, self.record.period, other))
+        return True
+
     def _use(self, plant: Plant) -> None:
         self.plant = plant
         self.setting = setting_of(self.record, self.model, plant, self.free_start)
@@ -209,10 +226,11 @@ class PhysicsStructure:
     ) -> StructureFit:
         """Fit the model with these effects, from a fit with fewer (or other, or the same) effects."""
         largest = FINE_STEP if effort == 2 else COARSE_STEP
-        problem = self._problem(choices, rows, noise, largest)
+        budget = Budget(BUDGETS[effort] * max(float(rows.sum()) / BUDGET_ROWS, 1.0))
+        problem = self._problem(choices, rows, noise, largest, budget)
         kept = [choice for choice in choices if choice in start.choices]
         new = [i for i, choice in enumerate(choices) if choice not in start.choices]
-        before = self._problem(kept, rows, noise, largest)
+        before = self._problem(kept, rows, noise, largest, budget)
         known = self._carried(before, start)
         if effort == 0 or not new:
             point = problem_point(problem, before, known)
@@ -224,17 +242,16 @@ class PhysicsStructure:
         small = first_rows_of(rows, SEARCH_ROWS)
         search, plain = problem, before
         if small.sum() < rows.sum():
-            search = self._problem(choices, small, noise, largest)
-            plain = self._problem(kept, small, noise, largest)
-        ends = ends_beside(search, plain, self._carried(plain, start), new, effort)
+            search = self._problem(choices, small, noise, largest, budget)
+            plain = self._problem(kept, small, noise, largest, budget)
+        further: list[Floats] = []
         if noise.size > 1:
             # The colour of what is missing can hide an effect from the grid: search without it, too.
-            white = self._problem(choices, search.rows, WHITE, largest)
-            bare = self._problem(kept, search.rows, WHITE, largest)
-            near = ends_beside(white, bare, self._carried(bare, start), new, 1)[0].x
-            if np.isfinite(search.cost(near)):
-                ends.append(search.descend(near, EVALUATIONS[effort], TOLERANCES[effort]))
-                ends.sort(key=cost_of)
+            white = self._problem(choices, search.rows, WHITE, largest, budget)
+            bare = self._problem(kept, search.rows, WHITE, largest, budget)
+            tried = tried_beside(white, bare, self._carried(bare, start), new, 1)
+            further = [end.x for end in sorted(tried, key=cost_of)[:1]]
+        ends = ends_beside(search, plain, self._carried(plain, start), new, effort, further)
         best, found_twice = ends[0], agree(ends)
         if search is not problem:
             last = EVALUATIONS[2] if effort == 2 else TRIED
@@ -243,8 +260,15 @@ class PhysicsStructure:
             best = within_cells(problem, best)
         return self._result(problem, best, found_twice or effort == 1)
 
-    def _problem(self, choices: Sequence[Choice], rows: Mask, noise: Floats, largest: float) -> Problem:
-        return Problem(self.setting, choices, rows, noise, largest)
+    def _problem(
+        self,
+        choices: Sequence[Choice],
+        rows: Mask,
+        noise: Floats,
+        largest: float,
+        budget: Budget | None = None,
+    ) -> Problem:
+        return Problem(self.setting, choices, rows, noise, largest, budget=budget)
 
     def _carried(self, problem: Problem, start: StructureFit) -> Floats:
         """Return the point of a problem with effects of ``start`` where that fit left them."""
@@ -262,7 +286,7 @@ class PhysicsStructure:
             n_parameters=problem.size,
             converged=minimum.status.converged,
             restarts_agree=agree,
-            status=minimum.status.value,
+            status=SPENT if problem.budget.spent else minimum.status.value,
         )
 
     def tangent(self, fit: StructureFit) -> Floats:

@@ -4,11 +4,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid.diagnosis.wording import percent, quantity, significant
+from sysid.diagnosis.wording import percent, plus_minus, quantity, significant
 
 if TYPE_CHECKING:
     from sysid.diagnosis.diagnose import Diagnosis
     from sysid.diagnosis.ladder import Rung
+    from sysid.diagnosis.structures import FittedParameter
 
 # The error grows if its rank correlation with time is so many standard deviations, and by this factor.
 BLOCKS, ROWS_OF_BLOCK = 24, 8
@@ -28,8 +29,7 @@ def sentences(diagnosis: "Diagnosis") -> list[str]:
         found.append(f"Noise floor: {quantity(diagnosis.noise_floor, unit)} RMSE; no model gets below it.")
     for rung in ladder[1:]:
         for p in rung.model.fitted.parameters_of(rung.effect) if rung is ladder[-1] else ():
-            spread = f" ± {significant(1.96 * p.std_error, 2)}" if np.isfinite(p.std_error) else ""
-            found.append(f"{rung.effect}: {p.name} = {significant(p.value)}{spread} {p.unit}".rstrip())
+            found.append(f"{rung.effect}: {_with_spread(p)}")
     found += _own_constant(diagnosis) + _growing(diagnosis, judged, unit)
     found += [port.sentence for port in diagnosis.ports[:1]]
     if diagnosis.advice:
@@ -59,9 +59,13 @@ def _own_constant(diagnosis: "Diagnosis") -> list[str]:
     own = [p for p in diagnosis.final.parameters if p.name == name and not p.owner]
     if not asked or not own:
         return []
-    spread = f" ± {significant(1.96 * own[0].std_error, 2)}" if np.isfinite(own[0].std_error) else ""
-    value = f"{name} = {significant(own[0].value)}{spread} {own[0].unit}".rstrip()
-    return [f"constant_force: already in the model, {value}."]
+    return [f"constant_force: a constant force is part of the model already, {_with_spread(own[0])}."]
+
+
+def _with_spread(parameter: "FittedParameter") -> str:
+    """Return name, value, half the 95 % interval and unit of a parameter."""
+    words = (significant(parameter.value), plus_minus(parameter.std_error), parameter.unit)
+    return f"{parameter.name} = {' '.join(word for word in words if word)}"
 
 
 def _growing(diagnosis: "Diagnosis", judged: str, unit: str) -> list[str]:

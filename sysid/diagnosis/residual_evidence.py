@@ -10,6 +10,7 @@ from sysid.diagnosis.evidence import orthonormal, remainder
 from sysid.diagnosis.noise_colour import LARGEST_ORDER, Noise, noise_of
 from sysid.diagnosis.structures import WHITE, Structure, StructureFit, filtered
 
+# Without an effect something counts as seen under the residual's own colour with a chance below this.
 SEEN_P_VALUE = 1e-2
 # Something is left when the probes, or held-out rows, find it with a chance below this.
 LEFT_P_VALUE = 1e-5

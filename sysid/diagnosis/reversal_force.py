@@ -19,9 +19,11 @@ from sysid.linear.forms import Floats
 from sysid.linear.simulation import simulate_state_space
 from sysid.linear.uncertainty import autoregression
 
+# Blocks of time whose contributions are compared, and the fewest rows or means that they are cut from.
 BLOCKS = 24
-FEWEST_REVERSALS = 4
 FEWEST_MEANS = 10 * BLOCKS
+FEWEST_REVERSALS = 4
+# From one time scale to the next.
 LADDER = 4
 # What the test adds to the false alarms of all looks together: a fifth of their level.
 LOOKS = 5
@@ -164,8 +166,9 @@ def _traces(
         y = (free_run[part] - middle) / scale
         v = np.gradient(free_run[part], record.period) / speed
         sign = np.clip(v / NEAR_ZERO, -1.0, 1.0)
-        forces = [sign, np.ones(y.size), *u.T, y, v, y**2, y**3, v**2, v**3, *(u**2).T, *(u**3).T]
-        shifted = [np.concatenate([np.zeros(plant.lag), f])[: y.size] for f in forces]
+        linear = [np.ones(y.size), *u.T, y, v]
+        smooth = [y**2, y**3, v**2, v**3, *(u**2).T, *(u**3).T]
+        shifted = [np.concatenate([np.zeros(plant.lag), f])[: y.size] for f in (sign, *linear, *smooth)]
         answers = [_answer(A, E, C, G, force, None) for force in shifted]
         free = np.zeros((y.size, len(parts) * A.shape[0]))
         for i, unit in enumerate(np.eye(A.shape[0])):
@@ -175,10 +178,9 @@ def _traces(
     table = np.vstack(blocks)
     if not np.isfinite(table).all():
         return None
-    m = record.u.shape[1]
-    smooth = np.arange(4 + m, 8 + 3 * m)
-    linear = [*range(1, 4 + m), *range(8 + 3 * m, table.shape[1])]
-    return table[:, 0], table[:, linear], table[:, smooth]
+    first, last = 1 + len(linear), 1 + len(linear) + len(smooth)
+    others = [*range(1, first), *range(last, table.shape[1])]
+    return table[:, 0], table[:, others], table[:, np.arange(first, last)]
 
 
 def _answer(A: Floats, E: Floats, C: Floats, G: float, force: Floats, start: Floats | None) -> Floats:

@@ -124,6 +124,8 @@ def _floor_sentence(comparison: "Comparison", judged: SetScore) -> str:
     if floor.wide and (most := min(floor.upper_nrmse, error)) > SMALLEST_FLOOR:
         least_left = max(_as_shown(error) - _as_shown(most), 0.0)
         least = "up to " if least_left < NEGLIGIBLE * error else f"{percent(least_left)} to "
+        if percent(least_left) == percent(left):
+            least = ""
         return (
             f"The error is {percent(error)} of the signal; noise explains {percent(floor.nrmse)} to "
             f"{percent(most)} ({floor.method}), so {least}{percent(left)} is the model's or a slow "

@@ -14,14 +14,16 @@ from sysid.linear.uncertainty import autoregression
 
 # Series of more rows are thinned: by then any contrast worth a sentence is significant.
 MOST_ROWS = 25_000
+# As many surrogates as so many rows in all allow, between these bounds.
 DRAWS_ROWS = 12_000_000
 MOST_DRAWS, FEWEST_DRAWS = 999, 499
 SEED = 20_260
+# Rows before a surrogate begins, so that its noise model has forgotten its start.
 BURN_IN = 2_000
 
 
 @dataclass(frozen=True)
-class Evidence:
+class Contrasts:
     """What one statistic says about the regions of one division.
 
     Attributes
@@ -131,7 +133,7 @@ def newly_arising(series: Series, length: int) -> tuple[Floats, NDArray[np.int64
 
 def examine(
     series: Series, divisions: Sequence[Division], progress: Callable[[int, int], None] | None
-) -> tuple[Evidence, ...]:
+) -> tuple[Contrasts, ...]:
     """Compare the regions of all divisions, by the free-run error and by what newly arises.
 
     The null hypothesis is an autoregressive series whose innovations are drawn independently of
@@ -149,7 +151,7 @@ def examine(
 
     Returns
     -------
-    tuple of Evidence
+    tuple of Contrasts
         The evidence of free-run shares, one a division, comes first.
     """
     views = [_free_view(series, divisions)]
@@ -182,7 +184,7 @@ def _sides(view: _View) -> tuple[Floats, Floats]:
     return np.zeros(count), np.ones(count if view.measure == "new" else 0)
 
 
-def _evidence(views: list[_View], raw: Floats, z: Floats, p_values: Floats) -> tuple[Evidence, ...]:
+def _evidence(views: list[_View], raw: Floats, z: Floats, p_values: Floats) -> tuple[Contrasts, ...]:
     found, place = [], 0
     for view in views:
         squared = (view.values if view.measure == "free" else view.innovations) ** 2
@@ -193,7 +195,7 @@ def _evidence(views: list[_View], raw: Floats, z: Floats, p_values: Floats) -> t
                 pull = raw[part] if statistic == "pull" else np.zeros(len(division.regions))
                 original = division.source or division
                 found.append(
-                    Evidence(
+                    Contrasts(
                         original,
                         view.measure,
                         statistic,

@@ -166,6 +166,7 @@ class Trials:
                     noise=evidence.noise(trial.fit),
                     p_value=min(screen.p_value(statistic), by_fit),
                     validation=evidence.held_out_error(trial.fit, WHITE),
+                    looks=screen.n_points,
                 )
             )
         return tuple(found)

@@ -10,7 +10,7 @@ from sysid.diagnosis.bands import Band, band_shares
 from sysid.diagnosis.regions import LARGEST_SHARE, Division, Region, by_experiment, divisions
 from sysid.diagnosis.scores import finite
 from sysid.diagnosis.series import Series
-from sysid.diagnosis.surrogates import Evidence, examine
+from sysid.diagnosis.surrogates import Contrasts, examine
 from sysid.diagnosis.wording import percent, quantity
 
 LEVEL = 0.01
@@ -192,7 +192,7 @@ def _key(division: Division) -> str:
 
 
 def _bars(
-    division: Division, evidence: Sequence[Evidence], series: Series, families: int
+    division: Division, evidence: Sequence[Contrasts], series: Series, families: int
 ) -> tuple[Share, ...]:
     shares = division.share(series.residual**2)
     own = [e for e in evidence if e.division is division and e.statistic == "share"]
@@ -212,7 +212,7 @@ def _bars(
 
 
 def _of_division(
-    division: Division, evidence: Sequence[Evidence], series: Series, families: int
+    division: Division, evidence: Sequence[Contrasts], series: Series, families: int
 ) -> list[Finding]:
     """Return the clearest finding of a division; of time the worst windows that do not overlap."""
     candidates = []
@@ -234,12 +234,12 @@ def _of_division(
     return chosen
 
 
-def _plainness(found: Evidence) -> int:
+def _plainness(found: Contrasts) -> int:
     """Rank the measures: a share of the error itself says most to a reader, a pull least."""
     return 0 if found.measure == "free" else 1 if found.statistic == "share" else 2
 
 
-def _information(found: Evidence, index: int) -> float:
+def _information(found: Contrasts, index: int) -> float:
     """Return how much a region tells: the divergence of error and data shares, or a pull's effect."""
     if found.statistic == "pull":
         return float(found.effect[index])
@@ -252,7 +252,7 @@ def _divergence(error_share: float, data_share: float) -> float:
     return s * float(np.log(s / d)) + (1.0 - s) * float(np.log((1.0 - s) / (1.0 - d)))
 
 
-def _matters(found: Evidence, index: int) -> bool:
+def _matters(found: Contrasts, index: int) -> bool:
     """Tell whether a contrast is large enough to be worth a sentence."""
     share, data = found.error_share[index], found.data_share[index]
     if data > LARGEST_SHARE:
@@ -262,7 +262,7 @@ def _matters(found: Evidence, index: int) -> bool:
     return bool(found.effect[index] >= SMALLEST_PULL)
 
 
-def _finding(division: Division, found: Evidence, index: int, series: Series, families: int) -> Finding:
+def _finding(division: Division, found: Contrasts, index: int, series: Series, families: int) -> Finding:
     region = division.regions[index]
     p_value = min(1.0, families * float(found.p_values[index]))
     error, data = float(found.error_share[index]), float(found.data_share[index])
@@ -277,7 +277,7 @@ def _finding(division: Division, found: Evidence, index: int, series: Series, fa
     )
 
 
-def _sentence(kind: str, region: Region, found: Evidence, index: int, series: Series) -> str:
+def _sentence(kind: str, region: Region, found: Contrasts, index: int, series: Series) -> str:
     judged = series.judged
     error, data = percent(found.error_share[index]), percent(found.data_share[index])
     place = region.words if kind in ("time", "experiment") else f"while {region.words}"

@@ -91,3 +91,14 @@ def interval_text(value: float, std_error: float | None) -> str:
         return "–"
     half = NORMAL_95 * std_error
     return f"{value - half:.4g} to {value + half:.4g}"
+
+
+def plus_minus(std_error: float) -> str:
+    """Return half the 95 % interval behind its sign, or nothing where it is not known.
+
+    Examples
+    --------
+    >>> plus_minus(0.01), plus_minus(float("nan"))
+    ('± 0.020', '')
+    """
+    return f"± {significant(NORMAL_95 * std_error, 2)}" if isfinite(std_error) else ""

@@ -16,7 +16,7 @@ from sysid.physics.ports import Port, find_port
 
 MOST_STATES = 4
 MOST_SUBSTEPS = 200
-# The law without effects: seventeen coefficients, in the order of `sysid.physics.forced_kernels`.
+# The law without effects: eighteen coefficients, in the order of `sysid.physics.forced_kernels`.
 LAW_NAMES = (
     "friction_forward",
     "friction_back",
@@ -35,6 +35,7 @@ LAW_NAMES = (
     "first_cap",
     "second_cap",
     "caught",
+    "loop_bend",
 )
 _NO_LAW = dict.fromkeys(LAW_NAMES, 0.0) | {
     "stribeck_speed": 1.0,
@@ -167,7 +168,12 @@ class ForcedPlant:
         direct = np.zeros((lanes, self.n_inputs))
         plant_places, input_places, direct_places = self._targets
         with np.errstate(all="ignore"):
+            before: dict[tuple[float, ...], int] = {}
             for lane, p in enumerate(values.tolist()):
+                same = before.setdefault(tuple(p), lane)
+                if same < lane:  # lanes often differ in what is not a parameter of the model
+                    plants[lane], by_input[lane], direct[lane] = plants[same], by_input[same], direct[same]
+                    continue
                 try:
                     entries = self._matrices(p)
                 except (ZeroDivisionError, OverflowError):
@@ -214,7 +220,7 @@ class ForcedPlant:
         ----------
         values : ndarray, shape (lanes, n_parameters)
             Every parameter of the model, in its order.
-        laws : ndarray, shape (lanes, 17)
+        laws : ndarray, shape (lanes, 18)
             See `law`.
         u : ndarray, shape (n_samples,), (n_samples, n_inputs) or (lanes, n_samples, n_inputs)
         starts : ndarray, shape (lanes, n_states), optional

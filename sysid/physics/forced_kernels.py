@@ -38,7 +38,8 @@ GAIN, GAIN_SCALE = LAW + 11, LAW + 12
 ROOT = LAW + 13  # 1 where outflows go with the square root of the level
 FIRST_CAP, SECOND_CAP = LAW + 14, LAW + 15
 CAUGHT = LAW + 16  # share of what the first tank overflows that the second one catches
-SIZE = LAW + 17
+LOOP_BEND = LAW + 17  # how the elastic-plastic element softens on the way out and back alike
+SIZE = LAW + 18
 
 SMOOTH, STUCK = 2, 0  # modes; 1 and -1 are sliding to either side
 # Changes that are located in one step; a body that chatters faster is held until the step's end.
@@ -105,7 +106,7 @@ def rates(w: Floats, n: int, same: bool, z: State, mode: int) -> State:
         d1 += w[CAUGHT] * d0
     change = 0.0
     if w[YIELD] > 0.0:
-        change = w[ELASTIC] / w[YIELD] * (z0 - abs(z0) * memory)
+        change = w[ELASTIC] / w[YIELD] * (z0 * (1.0 - w[LOOP_BEND] * abs(memory)) - abs(z0) * memory)
     return d0, d1, d2, d3, change
 
 

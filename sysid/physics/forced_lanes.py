@@ -97,8 +97,8 @@ def sine(x: float) -> float:
     s = 1.0 - q * (1.0 / (4.0 * 5.0)) * s
     s = 1.0 - q * (1.0 / (2.0 * 3.0)) * s
     odd = turns - 2.0 * np.floor(0.5 * turns)
-    sign: float = 1.0 - 2.0 * odd
-    return sign * r * s
+    value: float = (1.0 - 2.0 * odd) * r * s
+    return value
 
 
 @branchless
@@ -151,7 +151,8 @@ def lane_rates(
     caught = w[fk.CAUGHT * WIDTH + i] * max(d0, 0.0)
     d1 += caught if z0 >= first_cap else 0.0
     # Here the stiffness of the elastic-plastic element stands divided by its yield force.
-    change = w[fk.ELASTIC * WIDTH + i] * (z0 - abs(z0) * memory)
+    bend = w[fk.LOOP_BEND * WIDTH + i]
+    change = w[fk.ELASTIC * WIDTH + i] * (z0 * (1.0 - bend * abs(memory)) - abs(z0) * memory)
     return moving * d0, d1, d2, d3, change
 
 

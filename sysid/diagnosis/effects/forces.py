@@ -7,6 +7,10 @@ FRICTION = "Armstrong-Hélouvry, Dupont & Canudas de Wit (1994), Automatica 30"
 DUFFING = "Kerschen et al. (2006), Mechanical Systems and Signal Processing 20"
 PHYSICS = ("physics",)
 COULOMB = EffectParameter("Fc", "[F]", "dry friction")
+SIGMA = EffectParameter(
+    "sigma", "[F]/[x]", "stiffness of the contact", Grid("plain", (1.0, 10.0, 100.0)), minimum=0.0
+)
+FC = EffectParameter("Fc", "[F]", "force at which it slips", Grid("plain", (0.1, 1.0)), minimum=0.0)
 
 EFFECTS = (
     Effect(
@@ -67,28 +71,30 @@ EFFECTS = (
     Effect(
         "hysteresis_force",
         "force",
-        "Friction with presliding: the contact gives elastically before it slips (Dahl).",
-        "F = z, z' = sigma v (1 - z/Fc sign(v))",
+        "Friction with presliding: the contact gives elastically before it slips (Dahl, Bouc-Wen).",
+        "F = z, z' = sigma v (1 - z/Fc sign(v) - g |z|/Fc) (Dahl: g = 0)",
         "loops of force over position that do not depend on the speed",
         "coulomb jumps at reversal; cubic_stiffness has no loop",
-        "Dahl (1976), AIAA Journal 14",
+        "Dahl (1976), AIAA Journal 14; Wen (1976), Journal of the Engineering Mechanics Division 102",
         (
             Form(
                 "Dahl",
                 (
-                    EffectParameter(
-                        "sigma",
-                        "[F]/[x]",
-                        "stiffness of the contact",
-                        Grid("plain", (1.0, 10.0, 100.0)),
-                        minimum=0.0,
-                    ),
-                    EffectParameter(
-                        "Fc", "[F]", "force at which it slips", Grid("plain", (0.1, 1.0)), minimum=0.0
-                    ),
+                    SIGMA,
+                    FC,
                 ),
                 expression="z",
                 state="sigma*v*(1 - z/Fc*sign(v))",
+            ),
+            Form(
+                "Bouc-Wen",
+                (
+                    SIGMA,
+                    FC,
+                    EffectParameter("g", "1", "softening (stiffening below 0) on both branches of the loop"),
+                ),
+                expression="z",
+                state="sigma*v*(1 - z/Fc*sign(v) - g*abs(z)/Fc)",
             ),
         ),
         PHYSICS,

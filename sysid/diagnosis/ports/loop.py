@@ -124,26 +124,10 @@ class Loop:
             stretch, v = self.stretches[number], self.stretches[number].v
             y, z = np.full(v.shape[0], np.nan), np.full(v.shape[0], np.nan)
             if matrices is not None and (starts is not None or stretch.fitted.any()):
-                A, B, C, D, E, G, H, K = matrices.values
                 run_loop(
-                    *(A, B, C, D, E),
-                    G,
-                    H,
-                    K,
-                    v,
-                    self._known(number),
-                    self.port.mode,
-                    self.plant.lag,
-                    self.port.sign,
-                    1.0 / self.plant.period,
-                    self.limit,
-                    self.knots,
-                    DEGREE,
-                    coefficients,
-                    start,
-                    y,
-                    z,
-                )
+                    *matrices.values, v, self._known(number), *self._feed, self.limit, self.knots, DEGREE,
+                    coefficients, start, y, z,
+                )  # fmt: skip
             found.append((y, z))
         return found
 
@@ -153,25 +137,10 @@ class Loop:
         assert matrices is not None
         v = self.stretches[number].v
         J = np.empty((v.shape[0], self.n_plant + self.directions.shape[0] + self.plant.order))
-        A, B, C, D, E, G, H, K = matrices.values
         differentiate_loop(
-            *(A, B, C, D, E),
-            G,
-            H,
-            K,
-            *matrices.slopes,
-            v,
-            self._known(number),
-            self.port.mode,
-            self.plant.lag,
-            self.port.sign,
-            1.0 / self.plant.period,
-            self.knots,
-            DEGREE,
-            self.coefficients(point),
-            start,
-            J,
-        )
+            *matrices.values, *matrices.slopes, v, self._known(number), *self._feed, self.knots, DEGREE,
+            self.coefficients(point), start, J,
+        )  # fmt: skip
         return J
 
     def residual(self, point: Floats) -> Floats:
@@ -288,6 +257,11 @@ class Loop:
             self.kept.clear()
             self.kept[key] = self.plant.matrices(point[: self.n_plant], self.port)
         return self.kept[key]
+
+    @property
+    def _feed(self) -> tuple[int, int, float, float]:
+        """What the map is fed with, and how what it gives comes back: mode, lag, sign, sampling rate."""
+        return self.port.mode, self.plant.lag, self.port.sign, 1.0 / self.plant.period
 
     def _known(self, number: int) -> Floats:
         return self.fed[number] if self.fed else np.zeros(1)
