@@ -48,6 +48,20 @@ class Cells:
         """
         return self.noise / float(np.linalg.norm(self.counts))
 
+    def widening(self, n_parameters: int) -> float:
+        """Return the factor by which a fit inside the cells scatters more than the noise alone would have it.
+
+        Of n rows some place the output to about a step times n_parameters / n, whatever the noise.
+
+        Examples
+        --------
+        >>> Cells(1.0, np.zeros(400), 0.1).widening(4)
+        1.4142135623730951
+        """
+        return float(
+            np.sqrt(1.0 + n_parameters / self.counts.size * (self.step / max(self.noise, 1e-300)) ** 2)
+        )
+
 
 def cells_of(y: Floats, step: float) -> Cells | None:
     """Tell the cells of measured values; None where the noise hides them.
@@ -64,7 +78,7 @@ def cells_of(y: Floats, step: float) -> Cells | None:
     --------
     >>> found = cells_of(np.array([0.99, 2.03, -1.01, 0.01, 3.02]), 1.02)
     >>> round(found.step, 3), found.counts
-    (1.006, array([ 1.,  2., -1.,  0.,  3.]))
+    (1.008, array([ 1.,  2., -1.,  0.,  3.]))
     """
     if not step > 0.0:
         return None

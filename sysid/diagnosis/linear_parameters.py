@@ -67,6 +67,7 @@ def standard_errors(chain: Chain, data: Data, point: Floats, noise: Floats, cost
         errors = errors_over_minima(chain, data, point, noise, cost, variance, errors)
     cells = read_cells(chain, data, point)
     if cells is not None:
+        errors *= cells.widening(point.size)
         errors[chain.places(data)[-1].start] = cells.step_error
     return errors
 

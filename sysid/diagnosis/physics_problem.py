@@ -187,17 +187,6 @@ class Problem:
         y = plant.run(values, laws, driven, starts, steps, states, self.exact)
         return self._outputs(y, u[:, 0], effects, rounded)
 
-    def _laws(self, effects: Sequence[Sequence[Floats]]) -> Floats:
-        """Return the law of each lane; most lanes of a Jacobian share theirs."""
-        found: dict[bytes, Floats] = {}
-        lanes = []
-        for parameters in effects:
-            key = b"".join(own.tobytes() for own in parameters)
-            if key not in found:
-                found[key] = coefficients(self.choices, parameters)
-            lanes.append(found[key])
-        return np.array(lanes)
-
     def _starts(self, points: Floats, number: int | None) -> Floats | None:
         """Return the initial states of an experiment in some points; None for rest."""
         if not self.free_start or number is None:
@@ -225,6 +214,17 @@ class Problem:
         runs = plant.run(values, laws, driven, starts, steps, None, self.exact)
         y = self._outputs(runs, u[:, 0], effects, False)
         return np.asarray(y[1:] - y[0])
+
+    def _laws(self, effects: Sequence[Sequence[Floats]]) -> Floats:
+        """Return the law of each lane; most lanes of a Jacobian share theirs."""
+        found: dict[bytes, Floats] = {}
+        lanes = []
+        for parameters in effects:
+            key = b"".join(own.tobytes() for own in parameters)
+            if key not in found:
+                found[key] = coefficients(self.choices, parameters)
+            lanes.append(found[key])
+        return np.array(lanes)
 
     def _inputs(self, u: Floats, effects: Sequence[Sequence[Floats]]) -> Floats:
         """Send the first input through the effects at the input, if there are any."""
