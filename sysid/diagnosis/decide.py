@@ -85,7 +85,9 @@ class Search:
         record = self.structure.record
         attempt = self._attempt(record.estimation, record.validation)
         decision = attempt.decided()
-        if decision.left_p_value < LEFT_P_VALUE and isinstance(self.structure, Resampled):
+        # Where rows stand for several the input was averaged, and next to everything is significant.
+        looks_again = decision.left_p_value < LEFT_P_VALUE and not self.smooth
+        if looks_again and isinstance(self.structure, Resampled):
             attempt, decision = self._with_other_course(self.structure, attempt, decision)
         named = decision.verdict not in ("unexplained", "not-identifiable")
         if named and attempt.evidence.rows_disagree(decision.final):
@@ -188,9 +190,13 @@ class Attempt:
     def _from_replaced(
         self, decision: Decision, given: list[StructureFit], grown: Grown, trial: Trial
     ) -> Decision:
-        """Decide once more with a law of flow as the first effect."""
+        """Decide once more with a law of flow as the first effect.
+
+        It stays: the effects that were taken for it do better for as long as not all are there.
+        """
         assert trial.fit is not None
-        further = self.growth.grown(decision.baseline, [*given, trial.fit], len(given))
+        fits = [*given, trial.fit]
+        further = self.growth.grown(decision.baseline, fits, len(given), n_kept=len(fits))
         trials = (trial, *(other for other in grown.trials if other is not trial))
         return self._judged(decision.baseline, Grown(further.fits, trials, ()))
 

@@ -50,7 +50,9 @@ class Growth:
                 fits.append(trial.fit)
         return fits
 
-    def grown(self, baseline: StructureFit, fits: list[StructureFit], n_given: int) -> Grown:
+    def grown(
+        self, baseline: StructureFit, fits: list[StructureFit], n_given: int, n_kept: int | None = None
+    ) -> Grown:
         """Add effects while all evidence agrees.
 
         Parameters
@@ -61,8 +63,11 @@ class Growth:
             With one, two, ... effects that it starts from.
         n_given : int
             How many of these are there whatever the evidence.
+        n_kept : int, optional
+            How many of these are neither exchanged nor left out again; as many as are given by default.
         """
         evidence = self.trials.evidence
+        n_kept = n_given if n_kept is None else n_kept
         trials: tuple[Trial, ...] = ()
         tie: tuple[str, ...] = ()
         while len(fits) < self.max_effects + n_given:
@@ -87,7 +92,7 @@ class Growth:
             if not further:
                 tie = tied(evidence, found)
             if len(grown.choices) > n_given + 1:
-                grown = pruned(evidence, exchanged(self.trials, grown, n_given), n_given)
+                grown = pruned(evidence, exchanged(self.trials, grown, n_kept), n_kept)
             if evidence.own_criterion(grown) >= evidence.own_criterion(current):
                 break  # what was accepted has been exchanged or left out again
             fits = rungs_to(evidence.structure, evidence.rows, grown, baseline, n_given)

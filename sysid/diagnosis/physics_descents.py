@@ -33,18 +33,10 @@ def descents(problem: Problem, starts: Sequence[Floats]) -> list[Minimum[Residua
 
 
 def ends_beside(
-    problem: Problem,
-    before: Problem,
-    known: Floats,
-    new: Sequence[int],
-    effort: int,
-    further: Sequence[Floats],
+    problem: Problem, before: Problem, known: Floats, new: Sequence[int], effort: int
 ) -> list[Minimum[Residual]]:
-    """Search from the best points of the grid, around the fit so far and around the nominal values.
-
-    Points of ``further`` are tried besides.
-    """
-    tried = tried_beside(problem, before, known, new, effort, further)
+    """Search from the best points of the grid, around the fit so far and around the nominal values."""
+    tried = _tried_beside(problem, before, known, new, effort)
     if not tried:
         tried = [problem.descend(problem_point(problem, before, known), 2, TOLERANCES[effort])]
     ends = [
@@ -60,16 +52,23 @@ def ends_beside(
     return ends
 
 
-def tried_beside(
-    problem: Problem,
-    before: Problem,
-    known: Floats,
-    new: Sequence[int],
-    effort: int,
-    further: Sequence[Floats] = (),
+def ends_without_colour(
+    white: Problem, before: Problem, problem: Problem, known: Floats, new: Sequence[int], effort: int
 ) -> list[Minimum[Residual]]:
-    """Return where short searches from the best points of the grid, and from further ones, have come to."""
-    found = list(further)
+    """Search shortly under white noise; go on from there under the problem's own colour."""
+    tried = _tried_beside(white, before, known, new, 1)
+    if not tried:
+        return []
+    near = refined(white, min(tried, key=cost_of), EVALUATIONS[1], TOLERANCES[1], new)
+    end = problem.descend_if_finite(near.x, EVALUATIONS[effort], TOLERANCES[effort])
+    return [] if end is None else [end]
+
+
+def _tried_beside(
+    problem: Problem, before: Problem, known: Floats, new: Sequence[int], effort: int
+) -> list[Minimum[Residual]]:
+    """Return where short searches from the best points of the grid have come to."""
+    found: list[Floats] = []
     for centre in _centres(problem, before, known):
         starts = grid_starts(problem, before, centre, new)[: DESCENTS[effort]]
         found += [within_limits(problem, point) for _, point in starts]

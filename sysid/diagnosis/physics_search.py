@@ -132,6 +132,9 @@ def shape_values(problem: Problem, effect: int) -> list[list[float]]:
             continue
         if parameter.grid.scale == "speed deviation":  # the model's speed, not the output's difference
             values = np.array(parameter.grid.points) * problem.setting.sizes["v"]
+        elif parameter.grid.scale == "duration":  # of the longest experiment, rows that are held out included
+            longest = max(part.stop - part.start for part in problem.parts)
+            values = np.array(parameter.grid.points) * record.period * longest
         else:
             values = parameter.grid.values(u, y, record.period)
         found.append(np.unique(np.clip(values, parameter.minimum, parameter.maximum)).tolist())

@@ -18,8 +18,8 @@ from sysid.diagnosis.physics_descents import (
     cost_of,
     descents,
     ends_beside,
+    ends_without_colour,
     nearly_agree,
-    tried_beside,
 )
 from sysid.diagnosis.physics_directions import directions, probes
 from sysid.diagnosis.physics_free_run import free_run, runs
@@ -247,14 +247,13 @@ class PhysicsStructure:
         if small.sum() < rows.sum():
             search = self._problem(choices, small, noise, largest, budget)
             plain = self._problem(kept, small, noise, largest, budget)
-        further: list[Floats] = []
+        ends = ends_beside(search, plain, self._carried(plain, start), new, effort)
         if noise.size > 1:
             # The colour of what is missing can hide an effect from the grid: search without it, too.
             white = self._problem(choices, search.rows, WHITE, largest, budget)
             bare = self._problem(kept, search.rows, WHITE, largest, budget)
-            tried = tried_beside(white, bare, self._carried(bare, start), new, 1)
-            further = [end.x for end in sorted(tried, key=cost_of)[:1]]
-        ends = ends_beside(search, plain, self._carried(plain, start), new, effort, further)
+            ends += ends_without_colour(white, bare, search, self._carried(bare, start), new, effort)
+            ends.sort(key=cost_of)
         if effort == 2 and is_rugged(search):
             ends.insert(0, scattered(search, ends[0], EVALUATIONS[2], TOLERANCES[2]))
         best, found_twice = ends[0], agree(ends)
