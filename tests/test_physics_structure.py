@@ -13,6 +13,7 @@ from sysid.diagnosis.effects import catalogue, find_effects
 from sysid.diagnosis.physics_free_run import runs
 from sysid.diagnosis.physics_hold import band_limited
 from sysid.diagnosis.physics_problem import Problem, problem_of
+from sysid.diagnosis.physics_search import shape_values
 from sysid.diagnosis.physics_structure import PhysicsStructure
 from sysid.diagnosis.structures import Choice, filtered
 from sysid.errors import IdentifiabilityError
@@ -386,3 +387,13 @@ def test_positioning_system(records):
     values = {p.name: p.value for p in fit.parameters}
     assert values["offset"] == pytest.approx(-0.093, abs=0.01)
     assert values["Fc"] == pytest.approx(0.56, abs=0.1)
+
+
+def test_a_change_of_gain_is_looked_for_in_rows_that_are_held_out_between_others():
+    """Every second block of 100 rows is held out: the times to be tried span the experiment, not the rows."""
+    found, _ = structure("mass-spring-damper", "", {})
+    rows = found.record.learning & (np.arange(ROWS.size) // 100 % 2 == 0)
+    problem = Problem(found.setting, [choice("time_variation", 1)], rows, WHITE, 1.0)
+    (times,) = shape_values(problem, 0)
+    last = np.flatnonzero(rows)[-1] * found.record.period
+    assert 0.9 * last < max(times) <= last + found.record.period
