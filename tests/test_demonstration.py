@@ -16,6 +16,7 @@ from sysid.demonstration import (
     Plant,
     draw_case,
     draw_plant,
+    kernels,
     simulate,
 )
 from sysid.demonstration.effects import LINEAR, NAMES
@@ -255,6 +256,19 @@ def test_demo_makes_a_record_and_reveals_its_truth(tmp_path, capsys):
     (folder / "diagnosis.json").write_text("[]")
     assert main(["demo", "--reveal", str(folder)]) == 2
     assert "not an answer of `sysid diagnose --json`" in capsys.readouterr().err
+
+
+def test_tanks_read_no_memory_before_they_write_it(monkeypatch):
+    """With every fresh array full of NaN the response is the same as with zeros."""
+    plain = kernels.tanks_response.py_func
+    arguments = (np.array([0.3, 0.2]), 0.4, True, 1.5, np.ones(20), 0.5, 4, np.array([0.0, 1.0]))
+    expected = kernels.tanks_response(*arguments)
+
+    def poisoned(shape):
+        return np.full(shape, np.nan)
+
+    monkeypatch.setattr(kernels.np, "empty", poisoned)
+    np.testing.assert_allclose(plain(*arguments), expected, rtol=1e-12)  # rounding of the compiled arithmetic
 
 
 @pytest.mark.parametrize("seed", range(1, len(SCENES) + 1))

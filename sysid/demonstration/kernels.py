@@ -278,7 +278,7 @@ def tanks_response(
     upper, lower = 0.0, 0.0
     y = np.empty(u.size)
     step = period / substeps
-    slopes = np.empty((4, 2))
+    slopes = np.zeros((4, 2))  # the first is read (times zero) before it is written
     for k in range(u.size):
         y[k] = lower
         for _ in range(substeps):
