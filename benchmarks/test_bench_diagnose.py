@@ -5,9 +5,9 @@ import pytest
 
 from sysid.data import make_record
 from sysid.diagnosis.effects import find_effects
-from sysid.diagnosis.physics_problem import COARSE_STEP, Problem
-from sysid.diagnosis.physics_structure import PhysicsStructure
-from sysid.diagnosis.structures import Choice
+from sysid.diagnosis.physics.problem import COARSE_STEP, Problem
+from sysid.diagnosis.physics.structure import PhysicsStructure
+from sysid.diagnosis.structures.structure import Choice
 from sysid.physics import load_model
 from sysid.physics.forced import ForcedPlant, law
 from sysid.physics.forced_kernels import forced_runs

@@ -5,9 +5,9 @@ import pytest
 from scipy import signal
 
 from sysid.data import make_record
-from sysid.diagnosis.block_models import BLOCK_MODELS
 from sysid.diagnosis.compare import compare
-from sysid.diagnosis.models import resolve_model
+from sysid.diagnosis.models.block_models import BLOCK_MODELS
+from sysid.diagnosis.models.resolution import resolve_model
 from sysid.errors import UsageError
 
 NOISE = 0.02

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from sysid.data import make_record
-from sysid.diagnosis.cells import Cells, cells_of, inside_cells
 from sysid.diagnosis.diagnose import structure_of
 from sysid.diagnosis.effects import find_effects
-from sysid.diagnosis.structures import WHITE, Choice
+from sysid.diagnosis.structures.cells import Cells, cells_of, inside_cells
+from sysid.diagnosis.structures.structure import WHITE, Choice
 
 
 def quantised_line(rng, step, noise, n=400):

@@ -16,10 +16,10 @@ from scipy import signal
 from sysid.cli import main
 from sysid.data import make_record
 from sysid.diagnosis.compare import compare
-from sysid.diagnosis.drawing import WIDE, envelope
-from sysid.diagnosis.figures_residual import correlations, power_density
-from sysid.diagnosis.residuals import input_independence, whiteness
-from sysid.diagnosis.scores import nrmse_interval, score
+from sysid.diagnosis.comparison.residuals import input_independence, whiteness
+from sysid.diagnosis.comparison.scores import nrmse_interval, score
+from sysid.diagnosis.pages.drawing import WIDE, envelope
+from sysid.diagnosis.pages.figures_residual import correlations, power_density
 from sysid.errors import UsageError
 
 A, B = [1.0, -1.5, 0.7], [0.0, 1.0, 0.5]
@@ -249,8 +249,8 @@ def test_page_is_self_contained_and_safe():
 
 
 def test_page_is_the_same_for_the_same_record(comparison, page):
-    from sysid.diagnosis.content import content_of
-    from sysid.diagnosis.page import render
+    from sysid.diagnosis.pages.content import content_of
+    from sysid.diagnosis.pages.page import render
 
     assert render(content_of(comparison)) == page  # drawn anew
 

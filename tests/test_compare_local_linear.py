@@ -7,7 +7,7 @@ import pytest
 
 from sysid.data import make_record
 from sysid.diagnosis.compare import compare
-from sysid.diagnosis.models import resolve_model
+from sysid.diagnosis.models.resolution import resolve_model
 from sysid.errors import UsageError
 
 

@@ -9,7 +9,7 @@ import pytest
 from sysid.cli import main
 from sysid.data import make_record
 from sysid.diagnosis.compare import compare
-from sysid.diagnosis.models import resolve_model
+from sysid.diagnosis.models.resolution import resolve_model
 from sysid.errors import ModelError, UsageError
 from sysid.physics import Simulator, load_model
 

@@ -11,13 +11,13 @@ import sysid
 from benchmarks.hidden_effects.plan import assign
 from sysid.cli import main
 from sysid.data import make_record
-from sysid.diagnosis.decide import Search
+from sysid.diagnosis.decide.evidence import orthonormal, remainder, score_screen
+from sysid.diagnosis.decide.procedure import Search
+from sysid.diagnosis.decide.residual_evidence import interleaved
 from sysid.diagnosis.effects import find_effects
-from sysid.diagnosis.evidence import orthonormal, remainder, score_screen
-from sysid.diagnosis.export import load, save, saved_model
-from sysid.diagnosis.linear_structure import LinearStructure
-from sysid.diagnosis.residual_evidence import interleaved
-from sysid.diagnosis.structures import Structure
+from sysid.diagnosis.export.saved import load, save, saved_model
+from sysid.diagnosis.linear.structure import LinearStructure
+from sysid.diagnosis.structures.structure import Structure
 from sysid.errors import DataError, UsageError
 
 FEW = [

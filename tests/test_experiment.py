@@ -5,8 +5,8 @@ import numpy as np
 from sysid.data import make_record
 from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.experiment import Responding, separating_experiment
-from sysid.diagnosis.linear_structure import LinearStructure
-from sysid.diagnosis.structures import WHITE, Choice
+from sysid.diagnosis.linear.structure import LinearStructure
+from sysid.diagnosis.structures.structure import WHITE, Choice
 
 
 def test_a_small_signal_record_gets_a_larger_one():

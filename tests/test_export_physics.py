@@ -6,10 +6,10 @@ import pytest
 from sysid.data import make_record
 from sysid.diagnosis.diagnose import structure_of
 from sysid.diagnosis.effects import find_effects
-from sysid.diagnosis.export import load, save, saved_model
-from sysid.diagnosis.export_physics import SavedPhysicalModel
+from sysid.diagnosis.export.saved import load, save, saved_model
+from sysid.diagnosis.export.saved_physics import SavedPhysicalModel
 from sysid.diagnosis.ladder import DiagnosedModel
-from sysid.diagnosis.structures import Choice
+from sysid.diagnosis.structures.structure import Choice
 from sysid.errors import DataError, ModelError
 from sysid.physics import load_model
 from sysid.physics.reading import model_names, read_model
@@ -63,7 +63,7 @@ def test_a_saved_model_simulates_alike_everywhere(tmp_path, name):
 
 def save_text(saved, file):
     """Write what `save` writes of a model that was fitted."""
-    from sysid.diagnosis import export
+    from sysid.diagnosis.export import saved as export
 
     kinds = {".json": export._json_text, ".toml": export._toml_text}
     file.write_text(kinds[file.suffix](saved), encoding="utf-8")

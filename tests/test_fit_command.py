@@ -16,7 +16,7 @@ from sysid.cli import main
 from sysid.commands import fit_structures
 from sysid.commands.fit_structures import LFT, Structure, find_structure, lag_list
 from sysid.data import make_record
-from sysid.diagnosis.lft_model import fit_lft_structure
+from sysid.diagnosis.models.lft import fit_lft_structure
 from sysid.errors import DataError, IdentifiabilityError, UsageError
 from sysid.lft import LftFit, fit_lft, load, save
 from sysid.lft.choice import choose_lft, likely_delay
@@ -182,7 +182,7 @@ def test_options_are_not_abbreviated(
 
 
 def test_a_further_structure_is_an_entry_and_a_module(monkeypatch: pytest.MonkeyPatch) -> None:
-    other = Structure("other", "another one", LFT.options[:1], "sysid.diagnosis.lft_model:fit_lft_structure")
+    other = Structure("other", "another one", LFT.options[:1], "sysid.diagnosis.models.lft:fit_lft_structure")
     monkeypatch.setattr(fit_structures, "STRUCTURES", (LFT, other))
     assert find_structure("other").load() is fit_lft_structure
     assert other.read_options({"--z": "u:1"}) == {"z_lags": (("u", 1),)}

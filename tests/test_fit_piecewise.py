@@ -8,7 +8,7 @@ import pytest
 
 from sysid.cli import main
 from sysid.data import make_record
-from sysid.diagnosis.piecewise_model import fit_piecewise_structure
+from sysid.diagnosis.models.piecewise import fit_piecewise_structure
 from sysid.errors import DataError, ModelError, UsageError
 from sysid.lft import PiecewiseLft, PiecewiseStructure, load
 from sysid.nonlinearities.piecewise_affine import PiecewiseAffineMap

@@ -5,12 +5,12 @@ import pytest
 
 from sysid.data import make_record
 from sysid.diagnosis.effects import find_effects
-from sysid.diagnosis.levenberg import minimise
-from sysid.diagnosis.linear_chain import Chain, Data
-from sysid.diagnosis.linear_kernels import chosen_filtered, is_stable
-from sysid.diagnosis.linear_structure import LinearStructure
-from sysid.diagnosis.structures import WHITE, Choice, filtered
-from sysid.diagnosis.whitening import opening
+from sysid.diagnosis.linear.chain import Chain, Data
+from sysid.diagnosis.linear.kernels import chosen_filtered, is_stable
+from sysid.diagnosis.linear.levenberg import minimise
+from sysid.diagnosis.linear.structure import LinearStructure
+from sysid.diagnosis.structures.structure import WHITE, Choice, filtered
+from sysid.diagnosis.structures.whitening import opening
 
 A, B = np.array([-1.4, 0.6]), np.array([0.3, -0.1])
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from sysid.data import make_record
+from sysid.diagnosis.decide.modes import least_damping, rings
 from sysid.diagnosis.diagnose import structure_of
 from sysid.diagnosis.effects import find_effects
-from sysid.diagnosis.linear_modes import errors_over_minima
-from sysid.diagnosis.linear_parameters import standard_errors
-from sysid.diagnosis.modes import least_damping, rings
-from sysid.diagnosis.physics_descents import agree, nearly_agree
-from sysid.diagnosis.structures import WHITE, Choice, FittedParameter, StructureFit
+from sysid.diagnosis.linear.modes import errors_over_minima
+from sysid.diagnosis.linear.parameters import standard_errors
+from sysid.diagnosis.physics.descents import agree, nearly_agree
+from sysid.diagnosis.structures.structure import WHITE, Choice, FittedParameter, StructureFit
 from sysid.separable.descent import Minimum, Residual, Status
 
 

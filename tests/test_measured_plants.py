@@ -8,11 +8,11 @@ from scipy.signal import lfilter
 import sysid
 from sysid.data import make_record
 from sysid.diagnosis.effects import find_effects
-from sysid.diagnosis.linear_rows import Data
-from sysid.diagnosis.linear_structure import LinearStructure
-from sysid.diagnosis.physics_structure import PhysicsStructure
-from sysid.diagnosis.sign_retrieval import retrieved_signs
-from sysid.diagnosis.structures import WHITE, Choice
+from sysid.diagnosis.linear.rows import Data
+from sysid.diagnosis.linear.sign_retrieval import retrieved_signs
+from sysid.diagnosis.linear.structure import LinearStructure
+from sysid.diagnosis.physics.structure import PhysicsStructure
+from sysid.diagnosis.structures.structure import WHITE, Choice
 from sysid.physics import load_model
 
 SPLIT = ("est", "test")

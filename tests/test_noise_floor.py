@@ -6,8 +6,8 @@ from scipy import signal
 
 from sysid.data import make_record
 from sysid.diagnosis.compare import compare
-from sysid.diagnosis.noise import WIDE, noise_floor, one_step_floor, quiet_floor
-from sysid.diagnosis.periods import distortion, find_period, periodic_part
+from sysid.diagnosis.comparison.noise import WIDE, noise_floor, one_step_floor, quiet_floor
+from sysid.diagnosis.comparison.periods import distortion, find_period, periodic_part
 
 PERIOD = 0.1
 

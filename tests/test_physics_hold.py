@@ -6,7 +6,7 @@ from physics_cases import VALUES, free_model
 from scipy import signal
 
 from sysid.data import make_record
-from sysid.diagnosis.models import fit_model, resolve_model
+from sysid.diagnosis.models.resolution import fit_model, resolve_model
 from sysid.diagnosis.ports import explore_ports
 from sysid.errors import UsageError
 from sysid.physics import fit_physics, load_model, refit_physics

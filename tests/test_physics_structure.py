@@ -8,14 +8,14 @@ import pytest
 from sysid.data import make_record, read_record
 from sysid.demonstration.effects import Hidden, inside, map_input, map_output
 from sysid.demonstration.plants import Plant
-from sysid.diagnosis import physics_structure
 from sysid.diagnosis.effects import catalogue, find_effects
-from sysid.diagnosis.physics_free_run import runs
-from sysid.diagnosis.physics_hold import band_limited
-from sysid.diagnosis.physics_problem import Problem, problem_of
-from sysid.diagnosis.physics_search import shape_values
-from sysid.diagnosis.physics_structure import PhysicsStructure
-from sysid.diagnosis.structures import Choice, filtered
+from sysid.diagnosis.physics import structure as physics_structure
+from sysid.diagnosis.physics.free_run import runs
+from sysid.diagnosis.physics.hold import band_limited
+from sysid.diagnosis.physics.problem import Problem, problem_of
+from sysid.diagnosis.physics.search import shape_values
+from sysid.diagnosis.physics.structure import PhysicsStructure
+from sysid.diagnosis.structures.structure import Choice, filtered
 from sysid.errors import IdentifiabilityError
 from sysid.physics import load_model
 from sysid.physics.reading import read_model

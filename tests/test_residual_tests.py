@@ -5,8 +5,8 @@ import pytest
 from scipy import signal
 
 from sysid.data import make_record
-from sysid.diagnosis.nonlinear_tests import cube, nonlinear_tests, square
-from sysid.diagnosis.series import judged_series
+from sysid.diagnosis.comparison.nonlinear_tests import cube, nonlinear_tests, square
+from sysid.diagnosis.comparison.series import judged_series
 
 
 def plant(u):

@@ -7,9 +7,9 @@ import pytest
 from scipy.signal import lfilter
 
 from sysid.data import make_record
+from sysid.diagnosis.comparison.reversal_force import LOOKS, reversal_finding, reversal_force
+from sysid.diagnosis.comparison.series import judged_series
 from sysid.diagnosis.ports.opening import plant_of
-from sysid.diagnosis.reversal_force import LOOKS, reversal_finding, reversal_force
-from sysid.diagnosis.series import judged_series
 from sysid.linear import fit_output_error
 from sysid.linear.simulation import predict
 

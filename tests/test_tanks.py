@@ -6,11 +6,11 @@ import pytest
 from sysid.data import make_record
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.effects import find_effects
-from sysid.diagnosis.physics_free_run import free_run
-from sysid.diagnosis.physics_problem import COARSE_STEP, Problem
-from sysid.diagnosis.physics_scatter import within_limits
-from sysid.diagnosis.physics_structure import PhysicsStructure
-from sysid.diagnosis.structures import WHITE, Choice
+from sysid.diagnosis.physics.free_run import free_run
+from sysid.diagnosis.physics.problem import COARSE_STEP, Problem
+from sysid.diagnosis.physics.scatter import within_limits
+from sysid.diagnosis.physics.structure import PhysicsStructure
+from sysid.diagnosis.structures.structure import WHITE, Choice
 from sysid.physics import load_model
 
 PERIOD, STEPS = 4.0, 200

@@ -8,13 +8,13 @@ import pytest
 from scipy import signal
 
 from sysid.data import make_record, read_record
-from sysid.diagnosis import surrogates
-from sysid.diagnosis.bands import band_shares
 from sysid.diagnosis.compare import compare
-from sysid.diagnosis.regions import divisions
-from sysid.diagnosis.series import judged_series
-from sysid.diagnosis.surrogates import normal_scores
-from sysid.diagnosis.where import locate
+from sysid.diagnosis.comparison import surrogates
+from sysid.diagnosis.comparison.bands import band_shares
+from sysid.diagnosis.comparison.regions import divisions
+from sysid.diagnosis.comparison.series import judged_series
+from sysid.diagnosis.comparison.surrogates import normal_scores
+from sysid.diagnosis.comparison.where import locate
 
 PERIOD = 0.1
 

@@ -5,9 +5,9 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from sysid.diagnosis.noise_colour import noise_of
-from sysid.diagnosis.structures import filtered
-from sysid.diagnosis.whitening import opening
+from sysid.diagnosis.decide.noise_colour import noise_of
+from sysid.diagnosis.structures.structure import filtered
+from sysid.diagnosis.structures.whitening import opening
 
 ROOTS = [0.9, 0.5 + 0.3j, 0.5 - 0.3j]
 

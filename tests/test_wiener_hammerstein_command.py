@@ -7,8 +7,8 @@ import pytest
 
 from sysid.cli import main
 from sysid.data import make_record
-from sysid.diagnosis.models import fit_model, resolve_model
-from sysid.diagnosis.wiener_hammerstein_model import fit_wiener_hammerstein_structure
+from sysid.diagnosis.models.resolution import fit_model, resolve_model
+from sysid.diagnosis.models.wiener_hammerstein import fit_wiener_hammerstein_structure
 from sysid.errors import UsageError
 from sysid.lft import LinearBlock, WienerHammerstein, load
 from sysid.nonlinearities.spline import Spline

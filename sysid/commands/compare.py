@@ -19,12 +19,12 @@ from sysid.result_files import (
 )
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.comparison import Comparison
+    from sysid.diagnosis.comparison.comparison import Comparison
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run `sysid compare`; errors of use and of data are raised as `SysidError`."""
-    from sysid.diagnosis.models import resolve_model
+    from sysid.diagnosis.models.resolution import resolve_model
 
     cases = _cases(arguments)
     for number, case in enumerate(cases):  # before a long file is read

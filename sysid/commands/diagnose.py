@@ -59,7 +59,7 @@ def _check(arguments: argparse.Namespace) -> None:
     if not 0.0 < arguments.alpha < 1.0:
         raise UsageError(f"--alpha is {arguments.alpha:g}: give a chance between 0 and 1")
     if arguments.save is not None:
-        from sysid.diagnosis.export import check_ending
+        from sysid.diagnosis.export.saved import check_ending
 
         check_ending(arguments.save)
     if arguments.seed < 0:
@@ -87,7 +87,7 @@ def _added(arguments: argparse.Namespace, candidates: "tuple[Effect, ...]") -> "
 
 
 def _model(arguments: argparse.Namespace, start: dict[str, float], fixed: dict[str, float]) -> Any:
-    from sysid.diagnosis.models import resolve_model
+    from sysid.diagnosis.models.resolution import resolve_model
 
     resolve_model(arguments.model, arguments.order, start, fixed)  # before a long file is read
     return arguments.model
@@ -105,14 +105,14 @@ def _write(diagnosis: "Diagnosis", arguments: argparse.Namespace) -> None:
     if arguments.predictions is not None:
         diagnosis.write_predictions(arguments.predictions)
     if arguments.html is not None:
-        from sysid.diagnosis.diagnose_page import to_html
+        from sysid.diagnosis.pages.diagnose_page import to_html
 
         write_text(arguments.html, to_html(diagnosis))
     if arguments.pdf is not None:
-        from sysid.diagnosis.diagnose_page import to_pdf
+        from sysid.diagnosis.pages.diagnose_page import to_pdf
 
         to_pdf(diagnosis, arguments.pdf)
     if arguments.save is not None:
-        from sysid.diagnosis.export import save
+        from sysid.diagnosis.export.saved import save
 
         save(diagnosis.final, arguments.save)

@@ -18,14 +18,14 @@ from sysid.result_files import (
 )
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.comparison import Comparison
+    from sysid.diagnosis.comparison.comparison import Comparison
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run `sysid fit`; errors of use and of data are raised as `SysidError`."""
     from threadpoolctl import threadpool_limits
 
-    from sysid.diagnosis.judge import FITTING_SHARE, judge
+    from sysid.diagnosis.comparison.judge import FITTING_SHARE, judge
     from sysid.progress import part_of, percent_of, progress
 
     structure = find_structure(arguments.structure)

@@ -181,7 +181,7 @@ LFT = Structure(
         STARTS,
         SEED,
     ),
-    "sysid.diagnosis.lft_model:fit_lft_structure",
+    "sysid.diagnosis.models.lft:fit_lft_structure",
 )
 
 
@@ -218,7 +218,7 @@ WIENER_HAMMERSTEIN = Structure(
         ),
         Option("--delay", "delay", whole(0), "N", "samples by which the input is late (default: 0)"),
     ),
-    "sysid.diagnosis.wiener_hammerstein_model:fit_wiener_hammerstein_structure",
+    "sysid.diagnosis.models.wiener_hammerstein:fit_wiener_hammerstein_structure",
 )
 
 
@@ -249,7 +249,7 @@ PIECEWISE_AFFINE = Structure(
         Option("--delta", "delta", positive, "D", "bound on the error of the stage bounded-error"),
         SEED,
     ),
-    "sysid.diagnosis.piecewise_model:fit_piecewise_structure",
+    "sysid.diagnosis.models.piecewise:fit_piecewise_structure",
 )
 
 STRUCTURES: tuple[Structure, ...] = (LFT, WIENER_HAMMERSTEIN, PIECEWISE_AFFINE)

@@ -1,19 +1,14 @@
 """From measurement and model to what the model lacks.
 
-Each file holds one idea.
+Two commands lead: ``compare`` (where does the model fail?) and ``diagnose`` (what is missing?).  Behind them
+are rooms, each with a guide of its own:
 
-Compare: ``models`` and its adapters (``adapters``, ``black_boxes``, ``lft_model``, ...) fit what is asked
-for, behind the face of ``fitted_model``; ``judge`` gathers ``set_scores``, ``noise``, ``where`` (with
-``series``, ``regions``, ``surrogates``, ``bands``, ``reversal_force``) and the tests into a ``comparison``;
-``summary`` says it in words.
+- ``models`` fit the model that is asked for; ``comparison`` judges it and says where it fails;
+- ``effects`` is the catalogue of what can be missing, ``ports`` the free-form curves where no name fits;
+- ``structures`` says what a model with effects is, ``linear`` and ``physics`` are the two kinds of it;
+- ``decide`` is the search for what is missing, knowing no more of a model than ``structures`` tells;
+- ``pages`` shows, ``export`` takes a model elsewhere.
 
-Decide: ``residual_evidence`` reads residuals, ``trials`` fits candidates, ``acceptance`` holds the evidence
-against them, ``growth`` adds them one after the other, ``revision`` looks at earlier ones again, ``verdict``
-judges what is left, and ``decide`` leads the search.  All it knows of a model is ``structures.Structure``.
-
-Structures: ``linear_structure`` and ``physics_structure`` fit a model with ``effects``; their parts, from
-the equation to the search, are the files of the same beginning.
-
-Show: ``ladder``, ``advice`` and ``report_words`` for a diagnosis, ``content`` for a comparison; ``drawing``
-and the ``figures``, ``page``, ``document``; ``export`` takes a model elsewhere.
+What only ``diagnose`` needs lies beside it: ``long_records`` (a search on part of the rows), ``ladder`` (the
+falling error), ``advice`` and ``experiment`` (what to measure next), ``shortfall`` (where what is left lies).
 """

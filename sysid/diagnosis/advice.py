@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-from sysid.diagnosis.decision import NOISE_EFFECT, Decision
+from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision
+from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE
+from sysid.diagnosis.decide.verdict import LEFT_SHARE
 from sysid.diagnosis.experiment import Responding, separating_experiment
-from sysid.diagnosis.residual_evidence import LEFT_P_VALUE
-from sysid.diagnosis.structures import Structure
-from sysid.diagnosis.verdict import LEFT_SHARE
+from sysid.diagnosis.structures.structure import Structure
 from sysid.diagnosis.wording import percent
 
 

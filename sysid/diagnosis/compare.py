@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.data import Record
-from sysid.diagnosis.comparison import Comparison
-from sysid.diagnosis.fitted_model import LINEAR
-from sysid.diagnosis.judge import FITTING_SHARE, check_output, judge
-from sysid.diagnosis.models import fit_model, resolve_model
+from sysid.diagnosis.comparison.comparison import Comparison
+from sysid.diagnosis.comparison.judge import FITTING_SHARE, check_output, judge
+from sysid.diagnosis.models.fitted_model import LINEAR
+from sysid.diagnosis.models.resolution import fit_model, resolve_model
 from sysid.errors import UsageError
 from sysid.progress import Callback, part_of
 

@@ -11,23 +11,23 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.advice import advise
-from sysid.diagnosis.decide import Search
-from sysid.diagnosis.decision import NOISE_EFFECT, Decision, Trial
+from sysid.diagnosis.comparison.scores import finite
+from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
+from sysid.diagnosis.decide.procedure import Search
+from sysid.diagnosis.decide.rungs import rungs_of
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
 from sysid.diagnosis.ladder import DiagnosedModel, Rung, climb, parameters_json
 from sysid.diagnosis.long_records import LONGEST, Portable, carried, rows_for_one, shortened, thinned
-from sysid.diagnosis.rungs import rungs_of
-from sysid.diagnosis.scores import finite
-from sysid.diagnosis.structures import WHITE, Structure, StructureFit
+from sysid.diagnosis.structures.structure import WHITE, Structure, StructureFit
 from sysid.errors import UsageError
 from sysid.progress import progress as bars_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from sysid.diagnosis.comparison.where import Finding
     from sysid.diagnosis.ports import PortCurve
-    from sysid.diagnosis.where import Finding
 
 MOST_EFFECTS = 3
 ALPHA = 0.01
@@ -150,7 +150,7 @@ class Diagnosis:
 
     def sentences(self) -> list[str]:
         """Say what was found, the main thing first."""
-        from sysid.diagnosis.report_words import sentences
+        from sysid.diagnosis.pages.report_words import sentences
 
         return sentences(self)
 
@@ -305,7 +305,7 @@ def structure_of(
 ) -> Structure:
     """Return the structure of a model for a record."""
     if model == "linear":
-        from sysid.diagnosis.linear_structure import LinearStructure
+        from sysid.diagnosis.linear.structure import LinearStructure
 
         if start or fixed:
             name = next(iter({**(start or {}), **(fixed or {})}))
@@ -316,7 +316,7 @@ def structure_of(
     if hasattr(model, "offered"):
         checked: Structure = model
         return checked
-    from sysid.diagnosis.physics_structure import PhysicsStructure
+    from sysid.diagnosis.physics.structure import PhysicsStructure
     from sysid.physics import load_model
     from sysid.physics.model import Model
 

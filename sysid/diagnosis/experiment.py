@@ -6,9 +6,9 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from sysid.diagnosis.decide.evidence import orthonormal
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.evidence import orthonormal
-from sysid.diagnosis.structures import StructureFit
+from sysid.diagnosis.structures.structure import StructureFit
 
 LONGEST = 1000
 

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from sysid.data import Record
-from sysid.diagnosis.acceptance import TIED
-from sysid.diagnosis.decision import Decision
+from sysid.diagnosis.comparison.scores import finite, nrmse_interval, score
+from sysid.diagnosis.decide.acceptance import TIED
+from sysid.diagnosis.decide.decision import Decision
+from sysid.diagnosis.decide.evidence import block_separation
+from sysid.diagnosis.decide.noise_colour import noise_of
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
-from sysid.diagnosis.evidence import block_separation
-from sysid.diagnosis.noise_colour import noise_of
-from sysid.diagnosis.scores import finite, nrmse_interval, score
-from sysid.diagnosis.structures import WHITE, Choice, FittedParameter, Structure, StructureFit
+from sysid.diagnosis.structures.structure import WHITE, Choice, FittedParameter, Structure, StructureFit
 from sysid.diagnosis.wording import NORMAL_95
 from sysid.errors import UsageError
 from sysid.progress import ProgressTask

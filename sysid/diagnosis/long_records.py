@@ -13,7 +13,7 @@ import numpy as np
 
 from sysid.data import Record
 from sysid.data.record import Mask
-from sysid.diagnosis.structures import Structure, StructureFit
+from sysid.diagnosis.structures.structure import Structure, StructureFit
 
 # Learning rows up to which a search takes all, and how many it takes of a longer record.
 LONGEST, SEARCHED = 8_000, 6_000

@@ -2,10 +2,10 @@
 
 from typing import TYPE_CHECKING
 
+from sysid.diagnosis.comparison.series import judged_series
+from sysid.diagnosis.comparison.where import Finding, locate
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.series import judged_series
-from sysid.diagnosis.structures import Structure
-from sysid.diagnosis.where import Finding, locate
+from sysid.diagnosis.structures.structure import Structure
 from sysid.errors import SysidError
 
 if TYPE_CHECKING:
@@ -45,8 +45,8 @@ def curves_at_ports(structure: Structure) -> "tuple[PortCurve, ...]":
     -------
     tuple of PortCurve
     """
-    from sysid.diagnosis.linear_structure import LinearStructure
-    from sysid.diagnosis.physics_structure import PhysicsStructure
+    from sysid.diagnosis.linear.structure import LinearStructure
+    from sysid.diagnosis.physics.structure import PhysicsStructure
     from sysid.diagnosis.ports import explore_ports
     from sysid.linear import fit_output_error
     from sysid.physics import fit_physics

@@ -8,6 +8,7 @@ import numpy as np
 
 from sysid.data import Record
 from sysid.data.record import Mask
+from sysid.diagnosis.comparison.scores import finite
 from sysid.diagnosis.ports.loop import Loop
 from sysid.diagnosis.ports.opening import plant_of
 from sysid.diagnosis.ports.plants import PORTS, Port
@@ -15,7 +16,6 @@ from sysid.diagnosis.ports.reversals import change_at_reversal
 from sysid.diagnosis.ports.search import PortFit, enough_rows, fit_baseline, fit_port
 from sysid.diagnosis.ports.stretches import make_stretches
 from sysid.diagnosis.ports.uncertainty import Shape, explained, judged_errors, shape_of, with_bias
-from sysid.diagnosis.scores import finite
 from sysid.diagnosis.wording import NORMAL_95, percent, quantity
 from sysid.errors import UsageError
 from sysid.linear.forms import Floats

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.diagnosis.drawing import NARROW, WIDE, Picture, drawn_picture, legend
+from sysid.diagnosis.pages.drawing import NARROW, WIDE, Picture, drawn_picture, legend
 from sysid.diagnosis.ports.curves import PortCurve
 from sysid.diagnosis.wording import percent
 from sysid.reporting.style import COLOURS, GREY, subplots
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.fitted_model import CurveView, MapView
+    from sysid.diagnosis.models.fitted_model import CurveView, MapView
     from sysid.linear.forms import Floats
 
 PANEL_HEIGHT, MAP_HEIGHT = 3.1, 4.6

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from sysid.diagnosis.comparison.regions import NEAR_ZERO
 from sysid.diagnosis.ports.uncertainty import Shape
-from sysid.diagnosis.regions import NEAR_ZERO
 from sysid.diagnosis.wording import NORMAL_95
 from sysid.linear.forms import Floats
 

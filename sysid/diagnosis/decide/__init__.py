@@ -1,0 +1,8 @@
+"""Find what is missing: which effects, and how sure.
+
+``procedure`` leads the search; a ``decision`` is where it stands. ``residual_evidence`` reads residuals
+(``evidence``: its rules and numbers, ``noise_colour``), ``trials`` fits candidates, ``acceptance`` holds
+the evidence against them, ``growth`` adds them one after the other, ``revision`` looks at earlier ones
+again, ``refinement`` tries finer forms, ``verdict`` judges what is left (``modes``: whether a pole rings),
+``ranking`` and ``rungs`` tell how it went.
+"""

@@ -1,0 +1,118 @@
+"""Whether all evidence agrees that an effect is there, and which candidates cannot be told apart."""
+
+from collections.abc import Sequence
+
+from sysid.diagnosis.decide.decision import Trial
+from sysid.diagnosis.decide.evidence import block_separation, chance_of
+from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
+from sysid.diagnosis.decide.residual_evidence import Evidence
+from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.structures.structure import WHITE, StructureFit, filtered
+
+# Two candidates are tied when their errors differ by less than so many standard errors.
+TIED = 2.0
+# A further effect must explain this share of what all effects explain, or it is a detail of the first.
+LEAST_SHARE = 0.01
+# Where everything is significant it must also lower the free-run error on held-out rows by this share.
+LEAST_FALL = 0.1
+
+
+def is_accepted(
+    evidence: Evidence, trial: Trial, current: StructureFit, baseline: StructureFit, further: bool
+) -> bool:
+    """Tell whether all evidence agrees that an effect is there.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    trial : Trial
+        Candidate that was fitted.
+    current : StructureFit
+        The model without it.
+    baseline : StructureFit
+        The model without any effect.
+    further : bool
+        Whether another effect was found before: then this one must not be a mere detail of it.
+    """
+    assert trial.fit is not None
+    agreed = (
+        is_significant(evidence, trial)
+        and evidence.own_criterion(trial.fit) < evidence.own_criterion(current)
+        and chance_under_own_noise(evidence, trial, current) < evidence.alpha
+        and _holds(evidence, trial, current)
+    )
+    if not agreed or not further:
+        return agreed
+    if evidence.smooth and trial.validation > (1.0 - LEAST_FALL) * evidence.held_out_error(current, WHITE):
+        return False
+    left = evidence.cost(trial.fit, WHITE_NOISE)
+    whole = evidence.cost(baseline, WHITE_NOISE) - left
+    step = evidence.cost(current, WHITE_NOISE) - left
+    return step > LEAST_SHARE * whole
+
+
+def is_significant(evidence: Evidence, trial: Trial) -> bool:
+    """Tell whether a candidate explains more than chance does, and more than its parameters cost."""
+    return trial.p_value < evidence.alpha and trial.gain > 0.0
+
+
+def chance_under_own_noise(evidence: Evidence, trial: Trial, current: StructureFit) -> float:
+    """Return the chance that a candidate explains as much, by the colour of what it leaves itself.
+
+    What the probes leave has less slow noise than there is, for they follow it as they would follow an
+    effect.  With the true effect its own residual has the colour of the noise; without any, of all.
+    """
+    assert trial.fit is not None
+    if trial.noise.order == 0:
+        return trial.p_value
+    before = evidence.refitted(current, trial.noise)
+    after = evidence.refitted(trial.fit, trial.noise)
+    left = min(evidence.cost(fit, trial.noise) for fit in (trial.fit, after) if fit.usable)
+    ratio = (evidence.cost(before, trial.noise) - left) / max(left, 1e-300) * int(evidence.rows.sum())
+    return chance_of(ratio, trial.fit.n_parameters - current.n_parameters, trial.looks)
+
+
+def _holds(evidence: Evidence, trial: Trial, current: StructureFit) -> bool:
+    """Tell whether an effect holds on held-out rows.
+
+    The free-run error must fall and the innovations not rise by more than chance.  Under coloured
+    noise the free-run error of a small effect is a matter of luck: then the innovations must fall
+    and the free-run error not rise by more than chance.
+    """
+    assert trial.fit is not None
+    after = evidence.residual(trial.fit)
+
+    def errors(noise: Floats, before: StructureFit) -> tuple[float, float]:
+        first = filtered(evidence.residual(before), evidence.held_out, noise)
+        second = filtered(after, evidence.held_out, noise)
+        return float(second @ second - first @ first), block_separation(first, second)
+
+    innovations = errors(trial.noise.polynomial, evidence.refitted(current, trial.noise))
+    free_run = errors(WHITE, current)
+    if free_run[0] < 0.0:
+        return innovations[1] < TIED
+    return trial.noise.order > 0 and innovations[0] < 0.0 and free_run[1] < TIED
+
+
+def is_better_held_out(evidence: Evidence, fit: StructureFit, other: StructureFit) -> bool:
+    """Tell whether a fit is better by its criterion and by its free run on held-out rows."""
+    return evidence.own_criterion(fit) < evidence.own_criterion(other) and evidence.held_out_error(
+        fit, WHITE
+    ) < evidence.held_out_error(other, WHITE)
+
+
+def tied(evidence: Evidence, trials: Sequence[Trial]) -> tuple[str, ...]:
+    """Return the first candidate with those that a paired block test cannot tell from it."""
+    best = trials[0]
+    assert best.fit is not None
+    noise, rows = best.noise.polynomial, evidence.structure.record.learning
+    own = filtered(evidence.residual(best.fit), rows, noise)
+    equals = [
+        trial.name
+        for trial in trials[1:]
+        if trial.fit is not None
+        and is_significant(evidence, trial)
+        and block_separation(own, filtered(evidence.residual(trial.fit), rows, noise)) < TIED
+        and not (evidence.smooth and (1.0 - LEAST_FALL) * trial.validation > best.validation)
+    ]
+    return (best.name, *equals) if equals else ()

@@ -1,0 +1,132 @@
+"""A model that grows by one effect after the other while all evidence agrees."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from sysid.diagnosis.decide.acceptance import is_accepted, is_significant, tied
+from sysid.diagnosis.decide.decision import Trial
+from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
+from sysid.diagnosis.decide.revision import exchanged, pruned
+from sysid.diagnosis.decide.rungs import rungs_to
+from sysid.diagnosis.decide.trials import POLISHED, Trials
+from sysid.diagnosis.effects.base import Effect
+from sysid.diagnosis.structures.structure import WHITE, StructureFit
+
+
+class Grown(NamedTuple):
+    """What came of growing: fits with one, two, ... effects, the single candidates, and a tie."""
+
+    fits: list[StructureFit]
+    trials: tuple[Trial, ...]
+    tie: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Growth:
+    """Adds effects to a model.
+
+    Attributes
+    ----------
+    trials : Trials
+        By which candidates are fitted.
+    given : tuple of Effect
+        Effects that are in the model whatever the evidence.
+    max_effects : int
+        Most effects beside those.
+    """
+
+    trials: Trials
+    given: tuple[Effect, ...]
+    max_effects: int
+
+    def given_fits(self, baseline: StructureFit) -> list[StructureFit]:
+        """Return the fits with one, two, ... of the given effects."""
+        fits: list[StructureFit] = []
+        for effect in self.given:
+            current = fits[-1] if fits else baseline
+            trial = self.trials.best_form(current, effect, effect.found_by, WHITE_NOISE, 2)
+            if trial.fit is not None:
+                fits.append(trial.fit)
+        return fits
+
+    def grown(
+        self, baseline: StructureFit, fits: list[StructureFit], n_given: int, n_kept: int | None = None
+    ) -> Grown:
+        """Add effects while all evidence agrees.
+
+        Parameters
+        ----------
+        baseline : StructureFit
+            The model without effects.
+        fits : list of StructureFit
+            With one, two, ... effects that it starts from.
+        n_given : int
+            How many of these are there whatever the evidence.
+        n_kept : int, optional
+            How many of these are neither exchanged nor left out again; as many as are given by default.
+        """
+        evidence = self.trials.evidence
+        n_kept = n_given if n_kept is None else n_kept
+        trials: tuple[Trial, ...] = ()
+        tie: tuple[str, ...] = ()
+        while len(fits) < self.max_effects + n_given:
+            current = fits[-1] if fits else baseline
+            further = len(fits) > n_given
+            found = self.trials.beside(current, further)
+            if not further:
+                trials = found
+            best = found[0] if found else None
+            if best is None or best.fit is None:
+                break
+            chosen = self._first_accepted(found, current, baseline, further)
+            if chosen is not None and chosen.fit is not None:
+                grown = chosen.fit
+                found = (chosen, *(trial for trial in found if trial is not chosen))
+                trials = trials if further else found
+            else:
+                pair = self._with_another(best, current, baseline, len(fits))
+                if pair is None:
+                    break
+                grown = pair
+            if not further:
+                tie = tied(evidence, found)
+            if len(grown.choices) > n_given + 1:
+                grown = pruned(evidence, exchanged(self.trials, grown, n_kept), n_kept)
+            if evidence.own_criterion(grown) >= evidence.own_criterion(current):
+                break  # what was accepted has been exchanged or left out again
+            fits = rungs_to(evidence.structure, evidence.rows, grown, baseline, n_given)
+        return Grown(fits, trials, tie)
+
+    def _first_accepted(
+        self, trials: Sequence[Trial], current: StructureFit, baseline: StructureFit, further: bool
+    ) -> Trial | None:
+        """Return the best of the leading candidates on which all evidence agrees.
+
+        Where the best by the criterion does not hold on held-out rows, one that predicts them better may.
+        """
+        evidence = self.trials.evidence
+        for trial in trials[:POLISHED]:
+            leads = trial is trials[0] or trial.validation < trials[0].validation
+            if trial.fit is not None and leads and is_accepted(evidence, trial, current, baseline, further):
+                return trial
+        return None
+
+    def _with_another(
+        self, best: Trial, current: StructureFit, baseline: StructureFit, n_before: int
+    ) -> StructureFit | None:
+        """Return a pair of effects that holds on held-out rows where the better one alone does not."""
+        evidence = self.trials.evidence
+        no_place = n_before + 2 > self.max_effects + len(self.given)
+        # Where everything is significant a pair is no more than a detail in two parts.
+        no_place = no_place or (evidence.smooth and n_before > len(self.given))
+        if best.fit is None or no_place or not is_significant(evidence, best):
+            return None
+        found = self.trials.beside(best.fit, True)
+        if not found or found[0].fit is None:
+            return None
+        # The first was fitted without the second: search it again beside it.
+        pair = exchanged(self.trials, found[0].fit, len(self.given))
+        noise, validation = evidence.noise(pair), evidence.held_out_error(pair, WHITE)
+        second = replace(found[0], fit=pair, noise=noise, validation=validation)
+        return pair if is_accepted(evidence, second, current, baseline, n_before > 0) else None

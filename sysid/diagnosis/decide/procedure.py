@@ -1,0 +1,267 @@
+"""The decision: which effects a model lacks, on evidence that all must agree."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
+
+from sysid.data.record import Mask
+from sysid.diagnosis.decide.acceptance import is_accepted, is_better_held_out, is_significant
+from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
+from sysid.diagnosis.decide.growth import Grown, Growth
+from sysid.diagnosis.decide.ranking import with_every_candidate
+from sysid.diagnosis.decide.refinement import refined
+from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, Evidence, interleaved
+from sysid.diagnosis.decide.rungs import rungs_to
+from sysid.diagnosis.decide.trials import POLISHED, Trials
+from sysid.diagnosis.decide.verdict import Judge, leaves_a_trace
+from sysid.diagnosis.effects.base import Effect
+from sysid.diagnosis.structures.structure import WHITE, Structure, StructureFit
+from sysid.progress import Progress
+
+# How often a fit and the colour of its residual are brought to agree.
+SETTLINGS = 2
+# How many runners-up are tried before a record counts as unexplained, and how many beside each.
+RUNNERS_UP, BESIDE_RUNNER_UP = 2, 4
+
+
+@runtime_checkable
+class Resampled(Protocol):
+    """A structure whose input may take another course between samples."""
+
+    def held_or_smooth(self) -> bool:
+        """Take the input's other course between samples; tell whether it may have another."""
+
+
+class Search:
+    """The search for missing effects in one record.
+
+    Parameters
+    ----------
+    structure : Structure
+    effects : sequence of Effect
+        Candidates; those that make no sense for the structure are left out.
+    alpha : float
+        Largest chance of naming an effect where none is missing.
+    max_effects : int
+    seed : int
+        Of the simulated null distribution.
+    given : sequence of Effect
+        Effects that are in the model whatever the evidence.
+    jobs : int
+        Candidates fitted at a time, each by a thread of its own; the answer is the same.
+    bars : Progress, optional
+        Shows how many candidates of a round are fitted.
+    smooth : bool
+        Whether rows of the record stand for several of a slow motion, see `Evidence`.
+    """
+
+    def __init__(
+        self,
+        structure: Structure,
+        effects: Sequence[Effect],
+        *,
+        alpha: float = 0.01,
+        max_effects: int = 3,
+        seed: int = 0,
+        given: Sequence[Effect] = (),
+        jobs: int = 1,
+        bars: Progress | None = None,
+        smooth: bool = False,
+    ) -> None:
+        self.structure, self.alpha, self.max_effects, self.seed = structure, alpha, max_effects, seed
+        self.jobs, self.bars = jobs, Progress() if bars is None else bars
+        self.smooth = smooth
+        self.names = [effect.name for effect in effects]
+        self.given = structure.offered(given)
+        already = {effect.name for effect in self.given}
+        self.candidates = tuple(
+            effect
+            for effect in structure.offered(effects)
+            if effect.port != "noise" and effect.name not in already
+        )
+
+    def decide(self) -> Decision:
+        """Name what is missing."""
+        record = self.structure.record
+        attempt = self._attempt(record.estimation, record.validation)
+        decision = attempt.decided()
+        # Where rows stand for several the input was averaged, and next to everything is significant.
+        looks_again = decision.left_p_value < LEFT_P_VALUE and not self.smooth
+        if looks_again and isinstance(self.structure, Resampled):
+            attempt, decision = self._with_other_course(self.structure, attempt, decision)
+        named = decision.verdict not in ("unexplained", "not-identifiable")
+        if named and attempt.evidence.rows_disagree(decision.final):
+            attempt = self._attempt(*interleaved(record.learning))
+            decision = attempt.decided()
+        return with_every_candidate(attempt.settled(decision), self.names, self._memory(attempt, decision))
+
+    def _with_other_course(
+        self, structure: "Resampled", attempt: "Attempt", decision: Decision
+    ) -> tuple["Attempt", Decision]:
+        """Decide once more with the input's other course between samples; return the better decision.
+
+        An input that was sampled, not held, makes every law wrong that is tried with a held one.
+        """
+        if not structure.held_or_smooth():
+            return attempt, decision
+        other = self._attempt(attempt.evidence.rows, attempt.evidence.held_out)
+        found = other.decided()
+        if is_better_held_out(attempt.evidence, found.final, decision.final):
+            return other, found
+        structure.held_or_smooth()
+        return attempt, decision
+
+    def _attempt(self, rows: Mask, held_out: Mask) -> "Attempt":
+        """Return the search on these rows."""
+        evidence = Evidence(self.structure, rows, held_out, self.alpha, len(self.given), self.smooth)
+        trials = Trials(evidence, self.candidates, self.seed, self.jobs, self.bars)
+        given = tuple(effect.name for effect in self.given)
+        judge = Judge(evidence, given, NOISE_EFFECT in self.names)
+        return Attempt(evidence, trials, Growth(trials, self.given, self.max_effects), judge)
+
+    def _memory(self, attempt: "Attempt", decision: Decision) -> Trial | None:
+        """Return the memory of the noise as a candidate beside the others."""
+        if NOISE_EFFECT not in self.names:
+            return None
+        return attempt.memory(decision.baseline)
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """A search with one choice of the rows that are held out.
+
+    Attributes
+    ----------
+    evidence : Evidence
+    trials : Trials
+    growth : Growth
+    judge : Judge
+    """
+
+    evidence: Evidence
+    trials: Trials
+    growth: Growth
+    judge: Judge
+
+    def decided(self) -> Decision:
+        """Grow a model from the baseline and judge it; start otherwise where that leaves something."""
+        baseline = self.evidence.structure.baseline(self.evidence.rows)
+        if not baseline.restarts_agree:
+            unknown, noise = float("nan"), self.evidence.noise(baseline)
+            return Decision("not-identifiable", baseline, (), (), (), (), noise, 1.0, 0.0, unknown)
+        given = self.growth.given_fits(baseline)
+        grown = self.growth.grown(baseline, given, len(given))
+        decision = self._judged(baseline, grown)
+        for trial in self._replacing(decision):
+            decision = min(decision, self._from_replaced(decision, given, grown, trial), key=_burden)
+        if decision.verdict == "unexplained" and self.growth.max_effects > 1:
+            return self._otherwise(decision, grown.trials)
+        return decision
+
+    def _judged(self, baseline: StructureFit, grown: Grown) -> Decision:
+        """Judge a grown model; where it leaves something, finer laws of its effects may explain more."""
+        decision = self.judge.verdict(baseline, *grown)
+        n_given = len(self.growth.given)
+        if decision.verdict != "unexplained":
+            return decision
+        finer = refined(self.evidence, grown.fits, n_given)
+        if finer is None:
+            return decision
+        rungs = rungs_to(self.evidence.structure, self.evidence.rows, finer, baseline, n_given)
+        return min(decision, self.judge.verdict(baseline, rungs, grown.trials, ()), key=_burden)
+
+    def _replacing(self, decision: Decision) -> list[Trial]:
+        """Return laws of flow that are worth a search of their own where nothing explains.
+
+        They replace a law of the model, so they need not show beside an effect that was taken for them.
+        """
+        if decision.verdict != "unexplained":
+            return []
+        flows = {effect.name for effect in self.trials.candidates if effect.port == "flow"}
+        baseline = decision.baseline
+        return [
+            trial
+            for trial in decision.trials
+            if trial.name in flows - set(decision.rejected)
+            and trial.fit is not None
+            and is_accepted(self.evidence, trial, baseline, baseline, False)
+        ]
+
+    def _from_replaced(
+        self, decision: Decision, given: list[StructureFit], grown: Grown, trial: Trial
+    ) -> Decision:
+        """Decide once more with a law of flow as the first effect.
+
+        It stays: the effects that were taken for it do better for as long as not all are there.
+        """
+        assert trial.fit is not None
+        fits = [*given, trial.fit]
+        further = self.growth.grown(decision.baseline, fits, len(given), n_kept=len(fits))
+        trials = (trial, *(other for other in grown.trials if other is not trial))
+        return self._judged(decision.baseline, Grown(further.fits, trials, ()))
+
+    def _otherwise(self, decision: Decision, trials: tuple[Trial, ...]) -> Decision:
+        """Start again from the runners-up where the leader leads to nothing that explains all.
+
+        Alone, a look-alike can explain more than either of two effects that together explain everything.
+        """
+        evidence, baseline = self.evidence, decision.baseline
+        for trial in trials[1 : 1 + RUNNERS_UP]:
+            if trial.fit is None or not is_significant(evidence, trial):
+                continue
+            found = self.trials.beside(trial.fit, True, BESIDE_RUNNER_UP)
+            if not found or found[0].fit is None or not found[0].gain > 0.0:
+                continue
+            pair = found[0].fit
+            if not is_better_held_out(evidence, pair, decision.final):
+                continue
+            rungs = rungs_to(evidence.structure, evidence.rows, pair, baseline, len(self.growth.given))
+            other = self.judge.verdict(baseline, rungs, trials, ())
+            # Found at a second attempt it must leave not even a trace.
+            if other.verdict != "unexplained" and not leaves_a_trace(other):
+                return other
+        return decision
+
+    def settled(self, decision: Decision) -> Decision:
+        """Return a decision whose leading candidates are refitted under the colour of their own residuals.
+
+        They were weighted by the colour of what is left without them: no minima of their own likelihoods, so
+        that their parameters would be off by more than their standard errors.
+        """
+        leading = [self._settled(trial) for trial in decision.trials[:POLISHED]]
+        return replace(decision, trials=(*leading, *decision.trials[POLISHED:]))
+
+    def _settled(self, trial: Trial) -> Trial:
+        structure, rows = self.evidence.structure, self.evidence.rows
+        for _ in range(SETTLINGS):
+            if trial.fit is None:
+                break
+            noise = self.evidence.noise(trial.fit)
+            fit = structure.fit(trial.fit.choices, rows, noise.polynomial, trial.fit, effort=0)
+            if not fit.usable:
+                break
+            trial = replace(trial, fit=fit, noise=noise)
+        return trial
+
+    def memory(self, baseline: StructureFit) -> Trial:
+        """Return the memory of the noise as a candidate beside the effects."""
+        evidence, noise = self.evidence, self.evidence.noise(baseline)
+        return Trial(
+            NOISE_EFFECT,
+            None,
+            noise,
+            criterion=evidence.own_criterion(baseline),
+            gain=noise.gain,
+            p_value=evidence.memory_p_value(noise),
+            validation=evidence.held_out_error(baseline, WHITE),
+        )
+
+
+def _burden(decision: Decision) -> tuple[bool, float]:
+    """Return by what decisions on the same record are compared: the smallest is the best.
+
+    Beside something unexplained a name counts only if it at least halves what is left: more and more effects
+    that are not there can follow one that is.
+    """
+    unexplained = decision.verdict == "unexplained"
+    return unexplained, decision.left_share * 2.0 ** len(decision.rejected if unexplained else ())

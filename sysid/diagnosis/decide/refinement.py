@@ -1,0 +1,47 @@
+"""Finer laws of effects that were found, where what was found does not explain all."""
+
+from collections.abc import Sequence
+from itertools import product
+
+from sysid.diagnosis.decide.acceptance import is_better_held_out
+from sysid.diagnosis.decide.residual_evidence import Evidence
+from sysid.diagnosis.structures.structure import WHITE, Choice, StructureFit
+
+
+def refined(evidence: Evidence, fits: Sequence[StructureFit], n_given: int) -> StructureFit | None:
+    """Return the smallest model in which a finer law explains more than all effects did without it.
+
+    A law that is only roughly right makes further effects look real that mend what it does wrong: so before
+    these are believed, the ones before them get the chance to be more exact.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    fits : sequence of StructureFit
+        With one, two, ... effects.
+    n_given : int
+        How many of these are there whatever the evidence.
+
+    Returns
+    -------
+    StructureFit or None
+        None where no finer law is better both by its criterion and on held-out rows.
+    """
+    for fit in fits[n_given:]:
+        found = [
+            evidence.structure.fit(choices, evidence.rows, WHITE, fit, effort=2)
+            for choices in _finer(fit.choices)
+        ]
+        better = [other for other in found if other.usable and is_better_held_out(evidence, other, fits[-1])]
+        if better:
+            return min(better, key=evidence.own_criterion)
+    return None
+
+
+def _finer(choices: Sequence[Choice]) -> list[tuple[Choice, ...]]:
+    """Return the effects with one or more of them in a finer form."""
+    options = [
+        (choice, *(Choice(choice.effect, form) for form in choice.effect.refinements if form != choice.form))
+        for choice in choices
+    ]
+    return [tuple(chosen) for chosen in product(*options) if tuple(chosen) != tuple(choices)]

@@ -1,0 +1,53 @@
+"""Effects that were found earlier, seen again beside those found later: exchanged or left out."""
+
+import numpy as np
+
+from sysid.diagnosis.decide.residual_evidence import Evidence
+from sysid.diagnosis.decide.trials import Trials
+from sysid.diagnosis.structures.structure import StructureFit
+
+# How many are tried in the place of one that was accepted before.
+EXCHANGED = 6
+# An exchange must lower the criterion by more than the rounding of a search that ends at the same place.
+SAME_CRITERION = 1e-6
+
+
+def exchanged(trials: Trials, fit: StructureFit, n_given: int) -> StructureFit:
+    """Try to replace each earlier effect by another: the first was chosen before the others."""
+    evidence = trials.evidence
+    for position in range(n_given, len(fit.choices) - 1):
+        others = tuple(choice for i, choice in enumerate(fit.choices) if i != position)
+        noise = evidence.colour(fit)
+        without = evidence.structure.fit(others, evidence.rows, noise.polynomial, fit, effort=0)
+        if not without.usable:
+            continue
+        options = [effect for effect in trials.candidates if effect.name not in without.names]
+        statistics = trials.screen(without, options, noise).statistics
+        options.sort(key=lambda effect: -statistics[effect.name])
+        found = trials.ranked(without, options[:EXCHANGED], noise)
+        limit = evidence.criterion(fit, noise) - SAME_CRITERION
+        if found and found[0].fit is not None and found[0].criterion < limit:
+            fit = found[0].fit
+    return fit
+
+
+def pruned(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:
+    """Leave out effects that the information criterion does not want any more."""
+    while len(fit.choices) > max(n_given, 1):
+        noise = evidence.colour(fit)
+        smaller = [
+            evidence.structure.fit(
+                tuple(choice for choice in fit.choices if choice is not left),
+                evidence.rows,
+                noise.polynomial,
+                fit,
+                effort=0,
+            )
+            for left in fit.choices[n_given:]
+        ]
+        criteria = [evidence.criterion(other, noise) if other.usable else np.inf for other in smaller]
+        best = smaller[int(np.argmin(criteria))]
+        if min(criteria) > evidence.criterion(fit, noise):
+            break
+        fit = best
+    return fit

@@ -1,0 +1,187 @@
+"""Candidates beside the effects of a model: screened, fitted with growing care, judged."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from sysid.diagnosis.decide.decision import Trial
+from sysid.diagnosis.decide.evidence import ScoreScreen, score_screen
+from sysid.diagnosis.decide.noise_colour import WHITE_NOISE, Noise
+from sysid.diagnosis.decide.residual_evidence import Evidence
+from sysid.diagnosis.effects.base import Effect, Floats, Form
+from sysid.diagnosis.structures.structure import WHITE, Choice, StructureFit, filtered
+from sysid.progress import Progress
+
+# How many candidates are fitted at all, in all their forms, and with the finest search.
+SCREENED, REFINED, POLISHED = 12, 6, 3
+# How many are fitted beside effects that were accepted before, in all forms, and finest.
+FURTHER, REFINED_BESIDE, POLISHED_BESIDE = 8, 4, 2
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """Tries effects one at a time in a model of one record.
+
+    Attributes
+    ----------
+    evidence : Evidence
+        By which they are judged.
+    candidates : tuple of Effect
+    seed : int
+        Of the simulated null distribution.
+    jobs : int
+        Candidates fitted at a time, each by a thread of its own; the answer is the same.
+    bars : Progress
+        Shows how many candidates of a round are fitted.
+    """
+
+    evidence: Evidence
+    candidates: tuple[Effect, ...]
+    seed: int
+    jobs: int
+    bars: Progress
+
+    def beside(self, current: StructureFit, further: bool, most: int = FURTHER) -> tuple[Trial, ...]:
+        """Try every candidate beside the effects of a fit; return them best first."""
+        candidates = [e for e in self.candidates if e.name not in current.names]
+        if not candidates:
+            return ()
+        colour = self.evidence.colour(current)
+        # Scores are those of the best fit only under the colour by which they are weighted.
+        screen = self.screen(self.evidence.refitted(current, colour), candidates, colour)
+        if further and screen.p_value(max(screen.statistics.values())) >= self.evidence.alpha:
+            return ()  # the residual holds no structure any more
+        ranking = sorted(candidates, key=lambda e: -screen.statistics[e.name])
+        # A family whose fits are cheap may ask for more of them than the screen would let through.
+        count: int = getattr(self.evidence.structure, "screened", SCREENED)
+        count = min(count, most) if further else count
+        chosen = [e for i, e in enumerate(ranking) if i < count or self._without_slope(e, current)]
+        trials = self.ranked(current, chosen, colour)
+        left = [Trial(e.name, None, WHITE_NOISE, np.inf, -np.inf) for e in ranking if e not in chosen]
+        return self._judged(current, [*trials, *left], screen, colour)
+
+    def _without_slope(self, effect: Effect, current: StructureFit) -> bool:
+        """Tell whether a score says nothing of an effect that the measured output allows.
+
+        A map without parameters, such as a rectifier, cannot be small: where it folds the signal over, the
+        model without it follows nothing, and the slope there is blind.
+        """
+        left = self.evidence.cost(current, WHITE_NOISE)
+        y = self.evidence.structure.record.y[self.evidence.rows, 0]
+        return any(
+            not form.parameters and float(np.sum(np.minimum(y - form.lowest, 0.0) ** 2)) < left
+            for form in effect.forms
+            if np.isfinite(form.lowest)
+        )
+
+    def ranked(self, current: StructureFit, candidates: Sequence[Effect], noise: Noise) -> list[Trial]:
+        """Fit the candidates, the better ones with more care; return them best first."""
+        first = len(current.choices) == self.evidence.n_given
+        refined, polished = (REFINED, POLISHED) if first else (REFINED_BESIDE, POLISHED_BESIDE)
+
+        def simply(effect: Effect) -> Trial:
+            # Half-wave and full-wave are different effects, as are a rim and a cascade of tanks; a two-sided
+            # form is a refinement.
+            size = len(effect.forms[0].parameters)
+            flow = effect.port == "flow"
+            simple = [form for form in effect.found_by if flow or len(form.parameters) <= size]
+            return self.best_form(current, effect, simple, noise, 1)
+
+        beside = f" beside {' and '.join(current.names)}" if current.choices else ""
+        tried = self._each(f"candidates{beside}", simply, candidates)
+        found = {trial.name: trial for trial in tried}
+        for effort, count in ((1, refined), (2, polished)):
+            leaders = sorted(found.values(), key=lambda t: t.criterion)[:count]
+
+            def carefully(trial: Trial, effort: int = effort) -> Trial:
+                effect = next(e for e in candidates if e.name == trial.name)
+                forms = effect.found_by[1:] if effort == 1 else effect.found_by
+                return self.best_form(current, effect, forms, noise, effort)
+
+            for trial in self._each(f"leaders{beside}", carefully, leaders):
+                if trial.criterion < found[trial.name].criterion:
+                    found[trial.name] = trial
+        base = self.evidence.criterion(self.evidence.refitted(current, noise), noise)
+        trials = [replace(t, gain=base - t.criterion) for t in found.values()]
+        return sorted(trials, key=lambda t: t.criterion)
+
+    def _each(self, what: str, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+        """Apply a function to each item, several at a time if so many jobs may run, results in order."""
+        work = list(items)
+        with self.bars.task(what, len(work)) as bar:
+
+            def counted(item: Item) -> Result:
+                result = function(item)
+                bar.advance()
+                return result
+
+            if self.jobs == 1 or len(work) < 2:
+                return [counted(item) for item in work]
+            from joblib import Parallel, delayed
+
+            # The simulations run without the interpreter's lock, so threads do, and nothing is copied.
+            return list(Parallel(n_jobs=self.jobs, prefer="threads")(delayed(counted)(item) for item in work))
+
+    def best_form(
+        self, current: StructureFit, effect: Effect, forms: Sequence[Form], noise: Noise, effort: int
+    ) -> Trial:
+        """Fit an effect in some of its forms; return the best."""
+        best = Trial(effect.name, None, WHITE_NOISE, np.inf)
+        structure, rows = self.evidence.structure, self.evidence.rows
+        for form in effect.forms:
+            if form not in forms:
+                continue
+            choices = (*current.choices, Choice(effect, form))
+            fit = structure.fit(choices, rows, noise.polynomial, current, effort=effort)
+            if not fit.usable:
+                continue
+            criterion = self.evidence.criterion(fit, noise)
+            if criterion < best.criterion:
+                best = Trial(effect.name, fit, noise, criterion)
+        return best
+
+    def _judged(
+        self, current: StructureFit, trials: Sequence[Trial], screen: ScoreScreen, colour: Noise
+    ) -> tuple[Trial, ...]:
+        """Add p-values and held-out errors to the trials."""
+        evidence = self.evidence
+        base = evidence.cost(evidence.refitted(current, colour), colour)
+        costs = [evidence.cost(trial.fit, colour) for trial in trials if trial.fit is not None]
+        variance = min([base, *costs]) / max(int(evidence.rows.sum()) - current.n_parameters, 1)
+        found = []
+        for trial in trials:
+            statistic = screen.statistics[trial.name]
+            if trial.fit is None:
+                found.append(replace(trial, p_value=screen.p_value(statistic)))
+                continue
+            ratio = (base - evidence.cost(trial.fit, colour)) / variance
+            by_fit = screen.fitted_p_value(ratio, trial.fit.n_parameters - current.n_parameters)
+            found.append(
+                replace(
+                    trial,
+                    noise=evidence.noise(trial.fit),
+                    p_value=min(screen.p_value(statistic), by_fit),
+                    validation=evidence.held_out_error(trial.fit, WHITE),
+                    looks=screen.n_points,
+                )
+            )
+        return tuple(found)
+
+    def screen(self, current: StructureFit, candidates: Sequence[Effect], noise: Noise) -> ScoreScreen:
+        """Score each candidate by the directions in which it would change the free run of a fit."""
+
+        def white(columns: Floats) -> Floats:
+            return filtered(columns, self.evidence.rows, noise.polynomial)
+
+        directions = {
+            effect.name: [white(block) for block in self.evidence.structure.directions(current, effect)]
+            for effect in candidates
+        }
+        tangent = white(self.evidence.structure.tangent(current))
+        rng = np.random.default_rng([self.seed, len(current.choices)])
+        return score_screen(white(self.evidence.residual(current)), tangent, directions, noise.variance, rng)

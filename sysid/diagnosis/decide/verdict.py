@@ -1,0 +1,123 @@
+"""The verdict on a model with the effects that were found: is anything left that nothing explains."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
+from sysid.diagnosis.decide.modes import MODE, rings
+from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, Evidence
+from sysid.diagnosis.structures.structure import WHITE, StructureFit
+
+# Noise that is coloured beside an effect is a trace of something else if the probes find this.
+SUSPECT_P_VALUE = 3e-3
+# Something is left when the probes find this share of the explainable.
+LEFT_SHARE, SUSPECT_SHARE = 0.01, 0.004
+# Of two effects or more, each true, nothing is left; two that only together resemble a third leave a trace.
+COMPOSED_SHARE = 0.001
+# Where everything is significant, effects explain a record unless they leave more than they explain.
+MOST_LEFT = 0.5
+# Effects stay accepted beside something unexplained if they leave at most this share of the explainable.
+LEAST_EXPLAINED = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Judge:
+    """Gives the verdict on fits with effects.
+
+    Attributes
+    ----------
+    evidence : Evidence
+    given : tuple of str
+        Effects that are in the model whatever the evidence.
+    memory_asked : bool
+        Whether the memory of the noise is a candidate.
+    """
+
+    evidence: Evidence
+    given: tuple[str, ...]
+    memory_asked: bool
+
+    def verdict(
+        self,
+        baseline: StructureFit,
+        fits: Sequence[StructureFit],
+        trials: tuple[Trial, ...],
+        tie: tuple[str, ...],
+    ) -> Decision:
+        """Judge the last of the fits, which has all effects, by what it leaves.
+
+        Parameters
+        ----------
+        baseline : StructureFit
+        fits : sequence of StructureFit
+            With one, two, ... effects.
+        trials : tuple of Trial
+            All single candidates.
+        tie : tuple of str
+            Candidates that cannot be told from the first.
+        """
+        evidence = self.evidence
+        fits = self._polished(fits)
+        final = fits[-1] if fits else baseline
+        noise = evidence.noise(final)
+        coloured = evidence.noise_accepted(final, noise)
+        accepted = _in_order(fits)
+        composed = len(final.choices) > len(self.given) + 1
+        chance, share = LEFT_P_VALUE, LEFT_SHARE
+        rows = evidence.rows
+        if fits and coloured:
+            # All rows that may be learnt from: a trace is weaker than what the search stopped at.
+            rows = evidence.structure.record.learning
+            chance, share = SUSPECT_P_VALUE, SUSPECT_SHARE
+        if composed:
+            rows = evidence.structure.record.learning
+            chance, share = SUSPECT_P_VALUE, COMPOSED_SHARE
+        if fits and evidence.smooth:
+            share = MOST_LEFT
+        left_p, left_share, floor = evidence.left(baseline, final, rows)
+        stands_in = composed and not evidence.smooth and MODE in final.names and not rings(final)
+        if stands_in or (left_p < chance and left_share > share):
+            useful = explains_most(left_share)
+            rungs = tuple(fits if useful else fits[: len(self.given)])
+            return Decision(
+                "unexplained", baseline, rungs, tuple(accepted) if useful else self.given, trials, (), noise,
+                left_p, left_share, floor, tuple(accepted), self.given,
+            )  # fmt: skip
+        if self.memory_asked and coloured:
+            accepted.append(NOISE_EFFECT)
+        verdict = "missing-effect" if fits else ("coloured-noise" if accepted else "nothing-missing")
+        return Decision(
+            verdict, baseline, tuple(fits), tuple(accepted), trials, tie, noise, left_p, left_share, floor,
+            (), self.given,
+        )  # fmt: skip
+
+    def _polished(self, fits: Sequence[StructureFit]) -> Sequence[StructureFit]:
+        """Refit the last model by its plain error where the noise seems to have a memory.
+
+        What was fitted under a colour leaves some error where that colour has weight.  If the memory
+        goes with the refit it was not the noise's.
+        """
+        evidence = self.evidence
+        if not fits or not evidence.noise_accepted(fits[-1], evidence.noise(fits[-1])):
+            return fits
+        plain = evidence.structure.fit(fits[-1].choices, evidence.rows, WHITE, fits[-1], effort=0)
+        remains = not plain.usable or evidence.noise_accepted(plain, evidence.noise(plain))
+        return fits if remains else [*fits[:-1], plain]
+
+
+def explains_most(left_share: float) -> bool:
+    """Tell whether effects that leave this share of the explainable are worth keeping."""
+    return left_share <= 1.0 - LEAST_EXPLAINED
+
+
+def leaves_a_trace(decision: Decision) -> bool:
+    """Tell whether a model that seems to explain all still leaves more than nothing."""
+    return decision.left_p_value < SUSPECT_P_VALUE and decision.left_share > SUSPECT_SHARE
+
+
+def _in_order(fits: Sequence[StructureFit]) -> list[str]:
+    """Return the effects in the order of the rungs."""
+    names: list[str] = []
+    for fit in fits:
+        names += [name for name in fit.names if name not in names]
+    return names

@@ -1,0 +1,171 @@
+"""A diagnosed physical model apart from its record: saved, simulated, taken elsewhere."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.effects.catalogue import find_effects
+from sysid.diagnosis.ladder import DiagnosedModel
+from sysid.diagnosis.physics.laws import INNER, SWITCHES, coefficients, with_level
+from sysid.diagnosis.physics.problem import COARSE_STEP, problem_of
+from sysid.diagnosis.physics.setting import Plant
+from sysid.diagnosis.physics.structure import PhysicsStructure
+from sysid.diagnosis.structures.structure import Choice
+from sysid.errors import ModelError
+from sysid.physics.forced import ForcedPlant
+from sysid.physics.general import GeneralPlant, is_general
+from sysid.physics.model import Model
+from sysid.physics.reading import read_model
+from sysid.physics.writing import model_text
+
+SCHEMA = 1
+KIND = "sysid-physical-model"
+
+
+@dataclass(frozen=True)
+class SavedPhysicalModel:
+    """A physical model with effects, apart from the record it was fitted to.
+
+    Attributes
+    ----------
+    definition : str
+        The model as TOML text, its parameters at the fitted values.
+    period : float
+        Sampling period [s].
+    hold : {"zero", "smooth"}
+        How the input goes on between samples.
+    substeps : int
+        Runge-Kutta steps in a sample.
+    effects : tuple of (str, str, dict)
+        Name, form and parameters of each effect.
+    """
+
+    definition: str
+    period: float
+    hold: str
+    substeps: int
+    effects: tuple[tuple[str, str, dict[str, float]], ...]
+
+    @cached_property
+    def model(self) -> Model:
+        """The model without effects."""
+        return read_model(self.definition, "the saved model")
+
+    @cached_property
+    def plant(self) -> Plant:
+        """What simulates it."""
+        if is_general(self.model):
+            return GeneralPlant(self.model, self.period)
+        return ForcedPlant(self.model, self.period, self.hold)
+
+    @cached_property
+    def choices(self) -> tuple[Choice, ...]:
+        """The effects in their forms."""
+        found = []
+        for name, form, values in self.effects:
+            (effect,) = find_effects([name])
+            effect = with_level(effect) if name in SWITCHES and "level" in values else effect
+            found.append(Choice(effect, effect.form(form)))
+        return tuple(found)
+
+    @cached_property
+    def own(self) -> tuple[Floats, ...]:
+        """Parameters of each effect, in the order of its form."""
+        parameters = [[p.name for p in choice.form.parameters] for choice in self.choices]
+        return tuple(
+            np.array([values[name] for name in names])
+            for names, (_, _, values) in zip(parameters, self.effects, strict=True)
+        )
+
+    @cached_property
+    def law(self) -> Floats:
+        """Coefficients of the effects inside the dynamics."""
+        return coefficients(self.choices, self.own)
+
+    @property
+    def values(self) -> Floats:
+        """Parameters of the model."""
+        return np.array([parameter.start for parameter in self.model.parameters])
+
+    @property
+    def exact(self) -> bool:
+        """Whether no effect acts inside the dynamics."""
+        return all(choice.effect.port not in INNER for choice in self.choices)
+
+    def simulate(self, u: ArrayLike) -> Floats:
+        """Return the free run from rest for an input, shape (n_samples,) or (n_samples, n_inputs)."""
+        signal = np.array(u, dtype=np.float64)
+        driven = signal[:, np.newaxis] if signal.ndim == 1 else signal
+        first = np.ascontiguousarray(driven[:, 0])
+        driven = np.column_stack([self.applied("input", first), driven[:, 1:]])
+        laws = self.law[np.newaxis]
+        plant = self.plant
+        y = plant.run(self.values[np.newaxis], laws, driven, None, self.substeps, exact=self.exact)[0]
+        for choice, p in zip(self.choices, self.own, strict=True):
+            if choice.effect.port == "parallel" and choice.form.apply is not None:
+                y = y + choice.form.apply(first, p, self.period)
+        y = self.applied("output", y)
+        if not np.isfinite(y).all():
+            raise ModelError("the model diverges for this input: keep it within the range it was fitted on")
+        return y
+
+    def applied(self, port: str, signal: Floats) -> Floats:
+        """Send a sequence through the effects at the input or at the output."""
+        for choice, p in zip(self.choices, self.own, strict=True):
+            if choice.effect.port == port and choice.form.apply is not None:
+                signal = choice.form.apply(np.ascontiguousarray(signal), p, self.period)
+        return signal
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain values."""
+        return {
+            "kind": KIND,
+            "schema": SCHEMA,
+            "model": self.definition,
+            "period": self.period,
+            "hold": self.hold,
+            "substeps": self.substeps,
+            "effects": [{"name": n, "form": f, "parameters": p} for n, f, p in self.effects],
+        }
+
+    def to_control(self) -> Any:
+        """Return the model as a `control.NonlinearIOSystem` in continuous time.
+
+        Its states are those of the model, a velocity on which friction acts first, and the deflection of an
+        elastic contact last if there is one.  Dry friction holds a body that rests and jumps with the
+        direction of one that moves, as the simulation of `simulate` has it.
+        """
+        from sysid.diagnosis.export.control_system import control_system
+
+        return control_system(self)
+
+    def to_python(self) -> str:
+        """Return the source of a function ``simulate(u)`` that needs NumPy alone."""
+        from sysid.diagnosis.export.standalone_physics import source
+
+        return source(self)
+
+
+def saved_physical_model(model: DiagnosedModel) -> SavedPhysicalModel:
+    """Return a diagnosed physical model apart from its record."""
+    structure, fit = model.structure, model.fitted
+    assert isinstance(structure, PhysicsStructure)
+    setting, plant = structure.setting, structure.plant
+    problem, values = problem_of(setting, fit), setting.values_of(fit.point)
+    named = dict(zip(plant.names, values.tolist(), strict=True))
+    effects = tuple(
+        (
+            choice.name,
+            choice.form.name,
+            dict(zip([p.name for p in choice.form.parameters], fit.point[place].tolist(), strict=True)),
+        )
+        for choice, place in zip(problem.choices, problem.effect_places, strict=True)
+    )
+    stepped = plant.always_steps or not problem.exact
+    steps = plant.substeps(values[np.newaxis], COARSE_STEP) if stepped else 1
+    text = model_text(structure.model.with_values(named))
+    return SavedPhysicalModel(text, structure.record.period, plant.hold, steps, effects)

@@ -1,0 +1,88 @@
+"""What the point of a linear model says to a reader: named parameters, their errors, the equation."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.data import Record
+from sysid.diagnosis.effects.base import EffectParameter, Floats
+from sysid.diagnosis.linear.cells import read_cells
+from sysid.diagnosis.linear.chain import Chain, Data
+from sysid.diagnosis.linear.modes import errors_over_minima
+from sysid.diagnosis.structures.structure import Choice, FittedParameter
+
+# Of the diagonal of R, columns scaled to unit length: below it the unknowns cannot be told apart.
+DEPENDENT = 1e-10
+
+
+def named_parameters(record: Record, chain: Chain, data: Data, point: Floats) -> tuple[FittedParameter, ...]:
+    """Return the parameters of a point with their units, without standard errors."""
+    u_unit, y_unit = (record.unit(names[0]) for names in (record.inputs, record.outputs))
+    units = {"u": u_unit, "y": y_unit, "x": y_unit, "v": y_unit, "F": u_unit}
+    gain = EffectParameter("b", "[y]/[u]", "").unit_with(units)
+    names = [(f"a{i}", "") for i in range(1, chain.order + 1)]
+    names += [(f"b{i}", gain) for i in range(1, chain.order + 1)]
+    names += [("constant", y_unit)] * chain.constant
+    found = [
+        FittedParameter(name, float(value), np.nan, unit)
+        for (name, unit), value in zip(names, point, strict=False)
+    ]
+    for choice, place in zip(chain.choices, chain.places(data), strict=True):
+        found += [
+            FittedParameter(p.name, float(value), np.nan, p.unit_with(units), choice.name)
+            for p, value in zip(choice.form.parameters, point[place], strict=True)
+        ]
+    return tuple(found)
+
+
+def standard_errors(chain: Chain, data: Data, point: Floats, noise: Floats, cost: float) -> Floats:
+    """Return the standard error of each unknown of a point; NaN where the output does not tell.
+
+    Parameters
+    ----------
+    chain : Chain
+    data : Data
+    point : ndarray, shape (n_unknowns,)
+    noise : ndarray
+        D(q) of the noise.
+    cost : float
+        Sum of squares at the point.
+
+    Returns
+    -------
+    ndarray, shape (n_unknowns,)
+    """
+    errors = np.full(point.size, np.nan)
+    run = chain.run(data, point)
+    if run is None:
+        return errors
+    J = chain.slopes(data, point, run, noise).T
+    scale = np.linalg.norm(J, axis=0)
+    used = scale > 0.0  # a relay's threshold moves within its cell without any change
+    R = np.linalg.qr(J[:, used] / scale[used], mode="r")
+    if np.abs(np.diag(R)).min(initial=1.0) > DEPENDENT:
+        spread = np.linalg.norm(np.linalg.inv(R), axis=1)
+        variance = cost / max(J.shape[0] - point.size, 1)
+        errors[used] = spread * np.sqrt(variance) / scale[used]
+        errors = errors_over_minima(chain, data, point, noise, cost, variance, errors)
+    cells = read_cells(chain, data, point)
+    if cells is not None:
+        errors *= cells.widening(point.size)
+        errors[chain.places(data)[-1].start] = cells.step_error
+    return errors
+
+
+def equation_text(order: int, constant: bool, point: Floats, choices: Sequence[Choice]) -> str:
+    """Return the difference equation with its effects, for a reader."""
+    a, b = point[:order], point[order : 2 * order]
+    left = "z(k)" + "".join(f" {_signed(value)} z(k-{i})" for i, value in enumerate(a, 1))
+    right = "".join(f" {_signed(value)} x(k-{i})" for i, value in enumerate(b, 1)).lstrip("+ ")
+    if constant:
+        right += f" {_signed(point[2 * order])}"
+    lines = [f"{left} = {right}"]
+    lines += [f"{choice.name}: {choice.effect.equation}" for choice in choices]
+    return "\n".join(lines)
+
+
+def _signed(value: float) -> str:
+    return f"{'-' if value < 0 else '+'} {abs(value):.4g}"

@@ -1,0 +1,33 @@
+"""Directions in which an effect outside any list would show in a linear model with effects."""
+
+import numpy as np
+
+from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.linear.chain import Chain, Data
+from sysid.diagnosis.linear.kernels import tangent
+from sysid.diagnosis.structures.probe_functions import EXTRA_LAGS, probe_functions
+
+
+def probe_directions(chain: Chain, data: Data, point: Floats) -> Floats:
+    """Return the directions, shape (n_probes, n_rows).
+
+    Functions of the input, the modelled output and its speed, of their products and of time, added to
+    the output and, through the model's dynamics with its effects, to its input; and further lags of the
+    input.
+    """
+    run = chain.run(data, point)
+    if run is None:
+        return np.empty((0, data.u.size))
+    n = chain.order
+    speed = run.z - data.lagged(run.z, 1)
+    time = np.arange(data.u.size) - np.repeat(data.begin[:-1], np.diff(data.begin))
+    time = 2.0 * time / max(float(time.max()), 1.0) - 1.0
+    functions = np.array([*probe_functions(data.u, data.lagged(data.u, 1), run.z, speed, time)])
+    _, by_position, by_speed = chain.drive_slopes(data, point, run)
+    through = tangent(
+        run.z, run.v, point[:n], point[n : 2 * n], data.begin, False, False,
+        bool(chain.drives), by_position, by_speed, functions,
+    )[2 * n :]  # fmt: skip
+    through = chain.through_sensor(data, point, run, through)
+    lags = [data.lagged(data.u, lag) for lag in range(2 * n + EXTRA_LAGS + 1)]
+    return np.vstack([functions, through, lags])

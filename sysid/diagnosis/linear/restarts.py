@@ -1,0 +1,51 @@
+"""Searches of a linear model from moved poles: does another end at the least cost."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.linear.chain import Chain, Data
+from sysid.diagnosis.linear.levenberg import Minimum, minimise
+from sysid.diagnosis.structures.structure import WHITE
+
+# Searches agree when their root mean square errors differ by this share.
+AGREEMENT = 1e-3
+# Searches of a round, and standard deviations of the logarithm by which time constants are stretched.
+RESTARTS, SPREADS, RESTART_SEED = 12, (0.4, 0.15, 0.05), 3
+
+
+def restarted(chain: Chain, data: Data, best: Minimum) -> tuple[Minimum, bool]:
+    """Search again from moved parameters; tell whether another search ends at the least cost."""
+    rng, ends = np.random.default_rng(RESTART_SEED), [best]
+    for _ in range(2):
+        # Where the best of the first searches stands alone, more set out from there.
+        for spread in (SPREADS[number % len(SPREADS)] for number in range(RESTARTS)):
+            end = _from_moved_poles(chain, data, ends[0].point, spread, rng)
+            if end is not None:
+                ends.append(end)
+        ends.sort(key=lambda end: end.cost)
+        if _found_again(ends):
+            break
+    return ends[0], _found_again(ends)
+
+
+def _from_moved_poles(
+    chain: Chain, data: Data, point: Floats, spread: float, rng: np.random.Generator
+) -> Minimum | None:
+    """Search from poles whose time constants are stretched at random, conjugate ones alike."""
+    n = chain.order
+    poles = np.roots(np.concatenate([[1.0], point[:n]])).astype(complex)
+    stretch = np.exp(spread * rng.standard_normal(n))
+    stretch = np.where(poles.imag != 0.0, stretch[0], stretch)
+    moved = np.exp(np.log(np.where(poles == 0.0, 1e-6, poles)) * stretch)
+    start = point.copy()
+    start[:n] = np.real(np.poly(moved))[1:]
+    linear = np.arange(start.size) >= n
+    end = minimise(chain, data, start, WHITE, free=linear, iterations=2)
+    return None if end is None else minimise(chain, data, end.point, WHITE)
+
+
+def _found_again(ends: Sequence[Minimum]) -> bool:
+    """Tell whether a second of the searches ended at the least cost."""
+    return len(ends) > 1 and ends[1].cost <= ends[0].cost * (1.0 + AGREEMENT) ** 2

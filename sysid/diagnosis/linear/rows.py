@@ -1,0 +1,50 @@
+"""The rows of a record as a chain runs over them: each experiment up to its last row that counts."""
+
+import numpy as np
+
+from sysid.data import Record
+from sysid.data.record import Mask
+from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.linear.chain import Data
+from sysid.errors import DataError
+
+# A search runs on at most this many rows; its end is polished on all of them.
+SEARCH_ROWS = 6000
+
+
+def data_of(record: Record, rows: Mask) -> Data:
+    """Return the experiments with chosen rows, each up to its last chosen one."""
+    parts = _parts(record, rows)
+    if not parts:
+        raise DataError("no row is chosen for the fit: mark rows as train, est or val")
+    index = np.concatenate(parts)
+    used = rows[index]
+    y = np.where(used, record.y[index, 0], 0.0)
+    begin = np.cumsum([0, *(part.size for part in parts)])
+    return Data(np.ascontiguousarray(record.u[index, 0]), y, used, begin, record.period)
+
+
+def on_record(record: Record, lines: Floats, rows: Mask) -> Floats:
+    """Return lines over the rows of `data_of` as columns over all rows of the record."""
+    columns = np.zeros((record.n_samples, lines.shape[0]))
+    columns[np.concatenate(_parts(record, rows))] = lines.T
+    return columns
+
+
+def _parts(record: Record, rows: Mask) -> list[np.ndarray]:
+    """Return the indices of each experiment with chosen rows, up to its last chosen one."""
+    parts = []
+    for part in record.slices:
+        inside = np.flatnonzero(rows[part])
+        if inside.size:
+            parts.append(np.arange(part.start, part.start + inside[-1] + 1))
+    return parts
+
+
+def for_search(data: Data, free_start: bool) -> Data:
+    """Return the first rows, enough for a search; all where each experiment has its own start."""
+    if data.u.size <= SEARCH_ROWS or (free_start and data.n_experiments > 1):
+        return data
+    stop = min(max(SEARCH_ROWS, int(np.argmax(data.used)) + SEARCH_ROWS), data.u.size)
+    begin = np.array([*data.begin[:-1][data.begin[:-1] < stop], stop])
+    return Data(data.u[:stop], data.y[:stop], data.used[:stop], begin, data.period)

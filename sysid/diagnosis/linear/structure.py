@@ -1,0 +1,315 @@
+"""Linear difference equations with effects, as the decision logic sees them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from sysid.data import Record
+from sysid.data.record import Mask
+from sysid.diagnosis.effects.base import Effect, Floats
+from sysid.diagnosis.linear.cells import within_cells
+from sysid.diagnosis.linear.chain import MOST_DRIVES, Chain, Data, too_many_drives
+from sysid.diagnosis.linear.directions import directions_of
+from sysid.diagnosis.linear.free_run import free_run
+from sysid.diagnosis.linear.levenberg import Minimum, minimise
+from sysid.diagnosis.linear.parameters import equation_text, named_parameters, standard_errors
+from sysid.diagnosis.linear.probes import probe_directions
+from sysid.diagnosis.linear.restarts import AGREEMENT, restarted
+from sysid.diagnosis.linear.rows import data_of, for_search, on_record
+from sysid.diagnosis.linear.search import EffectSearch
+from sysid.diagnosis.linear.starts import further_starts
+from sysid.diagnosis.structures.structure import WHITE, Choice, StructureFit
+from sysid.errors import DataError, UsageError
+from sysid.linear.output_error import fit_output_error
+
+TOO_MANY = f"a linear model takes at most {MOST_DRIVES} forces"
+HIGHEST_ORDER = 6
+# By how much poles on the unit circle are drawn in.
+DRAWN_IN = (1.0 - 1e-6, 1.0 - 1e-4, 0.99)
+# A higher order must lower the validation error by at least this share.
+WORTHWHILE = 0.02
+
+
+class LinearStructure:
+    """A(q) z = B(q) x + constant with effects at its input, output and within.
+
+    Parameters
+    ----------
+    record : Record
+        With one input and one output.
+    order : int, optional
+        Degree of A and number of terms of B; chosen by the validation error if not given.
+    initial_state : {"estimate", "rest"}
+        With ``"estimate"`` each experiment has a start of its own and the equation a constant.
+
+    Examples
+    --------
+    >>> from sysid.data import make_record
+    >>> from sysid.diagnosis.effects import find_effects
+    >>> u = np.random.default_rng(0).uniform(-1, 1, 300)
+    >>> y = np.zeros(300)
+    >>> for k in range(1, 300):
+    ...     y[k] = 0.7 * y[k - 1] + np.clip(u[k - 1], -0.5, 0.5)
+    >>> structure = LinearStructure(make_record(u, y, period=1.0), order=1, initial_state="rest")
+    >>> rows = structure.record.estimation
+    >>> (saturation,) = structure.offered(find_effects(["in_saturation"]))
+    >>> choice = Choice(saturation, saturation.forms[0])
+    >>> fit = structure.fit([choice], rows, WHITE, structure.baseline(rows), effort=2)
+    >>> round(fit.parameters_of("in_saturation")[0].value, 6)
+    0.5
+    """
+
+    name = "linear"
+
+    def __init__(self, record: Record, order: int | None = None, *, initial_state: str = "estimate") -> None:
+        if record.u.shape[1] != 1 or record.y.shape[1] != 1:
+            raise UsageError(
+                f"the record has {record.u.shape[1]} inputs and {record.y.shape[1]} outputs: diagnosis of a "
+                "linear model takes one of each"
+            )
+        if initial_state not in ("estimate", "rest"):
+            raise UsageError(f"initial_state is {initial_state!r}: choose 'estimate' or 'rest'")
+        self.record = record
+        self.free_start = initial_state == "estimate"
+        self.initial_state = initial_state
+        self._data = lru_cache(maxsize=16)(lambda rows: data_of(record, np.frombuffer(rows, dtype=bool)))
+        self.order = self._chosen_order() if order is None else order
+        self._baselines: dict[bytes, Floats] = {}
+
+    def on(self, record: Record) -> "LinearStructure":
+        """Return the same structure, of the same order, for another record."""
+        return LinearStructure(record, self.order, initial_state=self.initial_state)
+
+    def offered(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
+        """Return the effects that make sense for a linear difference equation, in the given order."""
+        same = {"out_delay": "in_delay"}  # a linear model cannot tell them apart
+        if self.free_start:
+            same["constant_force"] = ""  # the constant is in the model
+        names = {effect.name for effect in effects}
+        return tuple(
+            effect
+            for effect in effects
+            if "linear" in effect.families and not (effect.name in same and same[effect.name] in names | {""})
+        )
+
+    def baseline(self, rows: Mask) -> StructureFit:
+        """Fit the model without effects, from several starts."""
+        fit = fit_output_error(self.record, self.order, initial_state=self.initial_state, rows=rows)
+        data, chain = self.data(rows), self.chain(())
+        point = np.zeros(chain.size(data))
+        point[: 2 * self.order] = np.concatenate([fit.a[1:], fit.b[0]])
+        if chain.constant:
+            point[2 * self.order] = fit.constant
+        free = np.arange(point.size) >= 2 * self.order
+        minimum = minimise(chain, data, point, WHITE, free=free, iterations=3) if free.any() else None
+        minimum = minimise(chain, data, point if minimum is None else minimum.point, WHITE)
+        if minimum is None:
+            minimum = self._from_within_the_circle(chain, data, point)
+        if minimum is None:
+            raise DataError("the baseline diverges in simulation: give another --order")
+        if fit.restarts_agree:
+            return self._fitted(chain, data, rows, minimum, True, fit.status)
+        minimum, agree = restarted(chain, data, minimum)
+        end = (
+            "restarts from moved parameters agree"
+            if agree
+            else "restarts from moved parameters end elsewhere"
+        )
+        return self._fitted(chain, data, rows, minimum, agree, end)
+
+    def directions(self, fit: StructureFit, effect: Effect) -> list[Floats]:
+        """Return how an effect would change the free run of a fit, at a grid of its shapes."""
+        chain, data, point = self._learning(fit)
+        return [self._on_record(lines) for lines in directions_of(chain, data, point, effect)]
+
+    def tangent(self, fit: StructureFit) -> Floats:
+        """Return the derivative of the free run by all parameters, shape (n_samples, n_parameters)."""
+        chain, data, point = self._learning(fit)
+        run = chain.run(data, point)
+        if run is None:
+            return np.zeros((self.record.n_samples, point.size))
+        return self._on_record(chain.jacobian(data, point, run))
+
+    def probes(self, fit: StructureFit) -> Floats:
+        """Return directions in which an effect that is not in any list would show."""
+        return self._on_record(probe_directions(*self._learning(fit)))
+
+    def _learning(self, fit: StructureFit) -> tuple[Chain, Data, Floats]:
+        """Return chain and point of a fit on all rows that may be learnt from."""
+        chain, data = self.chain(fit.choices), self.data(self.record.learning)
+        return chain, data, self._carried(fit, chain, data)
+
+    def _on_record(self, lines: Floats) -> Floats:
+        return on_record(self.record, lines, self.record.learning)
+
+    def fit(
+        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: int
+    ) -> StructureFit:
+        """Fit the model with these effects, from a fit with fewer, other or the same effects."""
+        kept = tuple(c for c in choices if c in start.choices)
+        new = [c for c in choices if c not in start.choices]
+        if too_many_drives(choices):
+            return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status=TOO_MANY)
+        data = self.data(rows)
+        chain = self.chain(kept)
+        point = self._carried(start, chain, data)
+        if not new or kept != start.choices:
+            minimum = self._polished(chain, data, point, noise)
+            if len(kept) < len(start.choices):
+                # Without the effect that was left out its equation may be another, or not be stable.
+                again = self._polished(chain, data, self._from_baseline(point, rows), noise)
+                if minimum is None or (again is not None and again.cost < minimum.cost):
+                    minimum = again
+            if minimum is not None:
+                point = minimum.point
+        agree = start.restarts_agree
+        for choice in new:
+            chain = self.chain((*chain.choices, choice))
+            minimum, agree = self._searched(chain, data, rows, point, noise, effort)
+            point = point if minimum is None else minimum.point
+            if minimum is None:
+                break
+        if minimum is None:
+            return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status="it diverges")
+        if effort != 1:  # a ranking can do without
+            minimum = within_cells(chain, data, minimum, noise)
+        end = "the search came to rest" if minimum.converged else "the search was still moving"
+        status = f"{end}; " + ("several starts agree" if agree else "other starts ended elsewhere")
+        return self._fitted(chain, data, rows, minimum, agree, status)
+
+    def _from_baseline(self, point: Floats, rows: Mask) -> Floats:
+        """Return a point with the coefficients of the model without effects."""
+        key = rows.tobytes()
+        if key not in self._baselines:
+            self._baselines[key] = self.baseline(rows).point[: 2 * self.order]
+        moved = point.copy()
+        moved[: 2 * self.order] = self._baselines[key]
+        return moved
+
+    def _searched(
+        self, chain: Chain, data: Data, rows: Mask, point: Floats, noise: Floats, effort: int
+    ) -> tuple[Minimum | None, bool]:
+        """Search the last effect of a chain on part of the rows, polish on all."""
+        part = for_search(data, self.free_start)
+        starts = [point, *further_starts(chain, part, point)]
+        ends = EffectSearch(chain, part, noise, starts).search(effort)
+        if not ends:
+            return None, False
+        agree = len(ends) == 1 or ends[1].cost <= ends[0].cost * (1.0 + AGREEMENT)
+        if part is data:
+            return ends[0], agree
+        return self._polished(chain, data, ends[0].point, noise), agree
+
+    def _polished(self, chain: Chain, data: Data, point: Floats, noise: Floats) -> Minimum | None:
+        """Minimise over all that the output follows smoothly."""
+        places = chain.places(data)
+        held = [
+            place.start + i
+            for place, choice in zip(places, chain.choices, strict=True)
+            if not choice.form.smooth
+            for i in choice.form.shapes
+        ]
+        free = np.ones(point.size, dtype=bool)
+        free[held] = False
+        return minimise(chain, data, point, noise, free=free, iterations=40)
+
+    def finish(self, fit: StructureFit, noise: Floats) -> StructureFit:
+        """Return a fit with standard errors of its parameters filled in."""
+        data, chain = self.data(fit.rows), self.chain(fit.choices)
+        errors = standard_errors(chain, data, fit.point, noise, fit.cost)
+        own = [*range(2 * self.order + int(chain.constant)), *range(chain.n_linear(data), fit.point.size)]
+        parameters = tuple(
+            replace(parameter, std_error=float(error))
+            for parameter, error in zip(fit.parameters, errors[own], strict=True)
+        )
+        return replace(fit, parameters=parameters)
+
+    def respond(self, fit: StructureFit, u: Floats) -> tuple[Floats, Floats]:
+        """Return the free run from rest for an input, and its derivative by all parameters.
+
+        Shapes (n_samples,) and (n_samples, n_parameters); infinite where the run diverges.
+        """
+        choices = self.chain(fit.choices).choices
+        chain, data = Chain(self.order, choices, self.free_start, False), self.data(fit.rows)
+        shared, own = 2 * self.order + int(chain.constant), self.chain(fit.choices).n_linear(data)
+        point = np.concatenate([fit.point[:shared], fit.point[own:]])
+        begin = np.array([0, u.size])
+        chosen = Data(u, np.zeros(u.size), np.ones(u.size, dtype=bool), begin, self.record.period)
+        run = chain.run(chosen, point)
+        if run is None:
+            return np.full(u.size, np.inf), np.zeros((u.size, point.size))
+        return run.y, chain.jacobian(chosen, point, run).T
+
+    def equation(self, fit: StructureFit) -> str:
+        """Return the model's equation with its effects, for a reader."""
+        return equation_text(self.order, self.free_start, fit.point, fit.choices)
+
+    def chain(self, choices: Sequence[Choice]) -> Chain:
+        """Return the model with effects; noise is not part of it."""
+        kept = tuple(choice for choice in choices if choice.effect.port != "noise")
+        return Chain(self.order, kept, self.free_start, self.free_start)
+
+    def data(self, rows: Mask) -> Data:
+        """Return the experiments with chosen rows, each up to its last chosen one."""
+        return self._data(rows.tobytes())
+
+    def _carried(self, fit: StructureFit, chain: Chain, data: Data) -> Floats:
+        """Return the point of a fit for a chain with some of its effects and for other rows."""
+        old, old_data = self.chain(fit.choices), self.data(fit.rows)
+        point = np.zeros(chain.size(data))
+        shared = 2 * self.order + int(chain.constant)
+        point[:shared] = fit.point[:shared]
+        if self.free_start:
+            starts = min(chain.n_linear(data), old.n_linear(old_data))
+            point[shared:starts] = fit.point[shared:starts]
+        places = dict(zip(old.choices, old.places(old_data), strict=True))
+        for choice, place in zip(chain.choices, chain.places(data), strict=True):
+            if choice in places:
+                point[place] = fit.point[places[choice]]
+        return point
+
+    def _fitted(
+        self, chain: Chain, data: Data, rows: Mask, minimum: Minimum, agree: bool, status: str
+    ) -> StructureFit:
+        return StructureFit(
+            choices=chain.choices,
+            point=minimum.point,
+            parameters=named_parameters(self.record, chain, data, minimum.point),
+            output=free_run(self.record, chain, data, rows, minimum.point),
+            rows=rows,
+            cost=minimum.cost,
+            n_parameters=minimum.point.size,
+            converged=minimum.converged,
+            restarts_agree=agree,
+            status=status,
+        )
+
+    def _from_within_the_circle(self, chain: Chain, data: Data, point: Floats) -> Minimum | None:
+        """Search from poles drawn in a little: several on the unit circle are outside it by rounding."""
+        for radius in DRAWN_IN:
+            start = point.copy()
+            start[: self.order] *= radius ** np.arange(1, self.order + 1)
+            linear = np.arange(start.size) >= self.order
+            minimum = minimise(chain, data, start, WHITE, free=linear, iterations=2)
+            if minimum is not None:
+                return minimise(chain, data, minimum.point, WHITE)
+        return None
+
+    def _chosen_order(self) -> int:
+        """Return the lowest order whose validation error is not worth a higher one."""
+        record, best, chosen = self.record, np.inf, 1
+        for order in range(1, HIGHEST_ORDER + 1):
+            self.order = order
+            try:
+                fit = self.baseline(record.estimation)
+            except DataError:
+                if order == 1:
+                    raise
+                break  # a lower order follows the record without running away
+            error = record.y[:, 0] - fit.output
+            cost = float(np.mean(error[record.validation] ** 2))
+            if cost < best * (1.0 - WORTHWHILE) ** 2:
+                best, chosen = cost, order
+        return chosen

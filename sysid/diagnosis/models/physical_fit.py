@@ -1,0 +1,66 @@
+"""A physical model fitted for a comparison: on the estimation rows, and again with the validation rows."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.data import Record
+from sysid.diagnosis.models.adapters import PhysicalModel
+from sysid.diagnosis.physics.hold import SMOOTHER, band_limited
+from sysid.diagnosis.wording import percent
+from sysid.errors import ModelError
+from sysid.physics import Model, PhysicsFit, fit_physics, refit_physics
+
+# Percentage of the work that is done when the search from many starts is.
+SEARCHED = 80
+
+
+def fit_physical(
+    record: Record,
+    model: Model,
+    initial_state: str,
+    progress: Callable[[int, int], None] | None = None,
+) -> PhysicalModel:
+    """Search on the estimation rows from many starts; the refit with the validation rows goes on from there.
+
+    The input is held between samples, unless it has no upper frequencies, as one that was held has, and a
+    smooth course between samples lowers the error on the validation rows by much.
+    """
+
+    def part(done: int, total: int) -> None:
+        if progress is not None:
+            progress(SEARCHED * done // max(total, 1), 100)
+
+    accepted = fit_physics(record, model, initial_state=initial_state, rows=record.estimation, progress=part)
+    accepted, note = _held_or_smooth(record, accepted)
+    fit = refit_physics(record, accepted)
+    if progress is not None:
+        progress(100, 100)
+    return PhysicalModel(fit, accepted, note)
+
+
+def _held_or_smooth(record: Record, held: PhysicsFit) -> tuple[PhysicsFit, str]:
+    """Return the fit with the better course of the input between samples, and why it is not held."""
+    if not band_limited(record, record.estimation):
+        return held, ""
+    try:
+        smooth = refit_physics(record, held, rows=record.estimation, hold="smooth")
+    except ModelError:  # diverges
+        return held, ""
+    share = _held_out_error(record, smooth) / max(_held_out_error(record, held), 1e-300)
+    if not share <= SMOOTHER:
+        return held, ""
+    note = (
+        "Between samples the input is taken to follow a smooth curve: unlike a held one it has no power near "
+        f"half the sampling rate, and the error on the held-out rows falls to {percent(share)} of what it is "
+        "for an input held between samples."
+    )
+    return replace(smooth, restarts_agree=held.restarts_agree), note
+
+
+def _held_out_error(record: Record, fit: PhysicsFit) -> float:
+    """Return the root mean square of the free-run error on validation rows, or on those of the fit."""
+    rows = record.validation if record.validation.any() else record.estimation
+    error = (fit.predict(record, rows=record.estimation).free_run - record.y[:, 0])[rows]
+    return float(np.sqrt(np.mean(error**2)))

@@ -1,0 +1,45 @@
+"""The comparison as one self-contained HTML page."""
+
+import base64
+from importlib.resources import files
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sysid.diagnosis.pages.content import Content
+
+
+def render(content: "Content") -> str:
+    """Return the page.
+
+    It holds its style sheet and its figures, needs no script, and loads nothing from elsewhere.
+
+    Parameters
+    ----------
+    content : Content
+
+    Returns
+    -------
+    str
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("sysid.diagnosis.pages", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(tied=_tied, embedded=_embedded)
+    return environment.get_template("compare.html").render(
+        css=files("sysid.reporting").joinpath("page.css").read_text(encoding="utf-8"), content=content
+    )
+
+
+def _tied(text: str) -> str:
+    """Keep a percent sign on the line of its number."""
+    return text.replace(" %", "\N{NO-BREAK SPACE}%")
+
+
+def _embedded(svg: str) -> str:
+    return "data:image/svg+xml;base64," + base64.b64encode(svg.encode("utf-8")).decode("ascii")

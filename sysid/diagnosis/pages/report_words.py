@@ -1,0 +1,117 @@
+"""A diagnosis in words."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sysid.diagnosis.wording import percent, plus_minus, quantity, significant
+
+if TYPE_CHECKING:
+    from sysid.diagnosis.diagnose import Diagnosis
+    from sysid.diagnosis.ladder import Rung
+    from sysid.diagnosis.structures.structure import FittedParameter
+
+# The error grows if its rank correlation with time is so many standard deviations, and by this factor.
+BLOCKS, ROWS_OF_BLOCK = 24, 8
+LEAST_TREND, LEAST_GROWTH = 3.3, 1.5
+# A model follows next to nothing of the output if its error has this share of its deviation.
+UNRELATED = 0.98
+
+
+def sentences(diagnosis: "Diagnosis") -> list[str]:
+    """Return what was found, the main thing first."""
+    record, ladder = diagnosis.record, diagnosis.ladder
+    unit = record.unit(record.outputs[0])
+    judged = diagnosis.judged
+    found = [_headline(diagnosis)]
+    found += [f"{choice.effect.name}: {choice.effect.mechanism}" for choice in diagnosis.final.fitted.choices]
+    for rung in ladder:
+        found.append(_rung(rung, judged, unit))
+    if np.isfinite(diagnosis.noise_floor):
+        found.append(f"Noise floor: {quantity(diagnosis.noise_floor, unit)} RMSE; no model gets below it.")
+    for rung in ladder[1:]:
+        for p in ladder[-1].model.fitted.parameters_of(rung.effect):
+            found.append(f"{rung.effect}: {_with_spread(p)}")
+    found += _unrelated(diagnosis) + _own_constant(diagnosis) + _growing(diagnosis, judged, unit)
+    found += [port.sentence for port in diagnosis.ports[:1]]
+    if diagnosis.advice:
+        found.append(diagnosis.advice)
+    return found
+
+
+def _headline(diagnosis: "Diagnosis") -> str:
+    names = " and ".join(diagnosis.accepted)
+    best = next((t for t in diagnosis.decision.trials if t.fit is not None), None)
+    return {
+        "missing-effect": f"Missing in the model: {names or (best.name if best else '')}.",
+        "nothing-missing": "Nothing is missing in the model.",
+        "coloured-noise": "Nothing is missing in the model but a memory of the noise.",
+        "unexplained": f"Missing in the model: {names}, and something that no candidate explains."
+        if names
+        else "Something is missing in the model that no candidate explains.",
+        "not-identifiable": "The model's parameters cannot be told from this record.",
+    }[diagnosis.verdict]
+
+
+def _unrelated(diagnosis: "Diagnosis") -> list[str]:
+    """Say so where the final model follows next to nothing of the output that it was fitted to."""
+    record = diagnosis.record
+    rows = record.learning
+    y, output = record.y[rows, 0], diagnosis.final.output[rows]
+    if not np.isfinite(output).all() or float(np.std(y - output)) < UNRELATED * float(np.std(y)):
+        return []
+    return [
+        f"The model follows next to nothing of {record.outputs[0]!r}, even where it was fitted: "
+        f"{record.inputs[0]!r} may not drive it, or not be aligned with it in time."
+    ]
+
+
+def _own_constant(diagnosis: "Diagnosis") -> list[str]:
+    """Say that a constant force needs no effect where the model has one."""
+    plant = getattr(diagnosis.structure, "plant", None)
+    name = plant.port.constant if plant is not None else ""
+    asked = any(trial.name == "constant_force" for trial in diagnosis.decision.trials)
+    own = [p for p in diagnosis.final.parameters if p.name == name and not p.owner]
+    if not asked or not own:
+        return []
+    return [f"constant_force: a constant force is part of the model already, {_with_spread(own[0])}."]
+
+
+def _with_spread(parameter: "FittedParameter") -> str:
+    """Return name, value, half the 95 % interval and unit of a parameter."""
+    words = (significant(parameter.value), plus_minus(parameter.std_error), parameter.unit)
+    return f"{parameter.name} = {' '.join(word for word in words if word)}"
+
+
+def _growing(diagnosis: "Diagnosis", judged: str, unit: str) -> list[str]:
+    """Say so where the final model's error grows along a test set beyond chance."""
+    record = diagnosis.record
+    if judged == "validation":
+        return []
+    rows = record.scored_rows(judged)
+    squares = (record.y[rows, 0] - diagnosis.final.output[rows]) ** 2
+    if squares.size < BLOCKS * ROWS_OF_BLOCK or not np.isfinite(squares).all():
+        return []
+    blocks = np.sqrt([part.mean() for part in np.array_split(squares, BLOCKS)])
+    first, last = (
+        float(np.sqrt(np.mean(part**2))) for part in (blocks[: BLOCKS // 3], blocks[-BLOCKS // 3 :])
+    )
+    ranks = np.argsort(np.argsort(blocks))
+    trend = float(np.corrcoef(ranks, np.arange(BLOCKS))[0, 1]) * np.sqrt(BLOCKS - 1)
+    if trend < LEAST_TREND or last < LEAST_GROWTH * first:
+        return []
+    return [
+        f"The error grows along {judged}, from {quantity(first, unit)} in its first third to "
+        f"{quantity(last, unit)} in its last: the plant may have changed after the rows of the fit "
+        "(time_variation, out_drift), the motion may have grown, or small errors add up."
+    ]
+
+
+def _rung(rung: "Rung", judged: str, unit: str) -> str:
+    entry = rung.scores[judged]
+    what = f"With {rung.effect}" if rung.effect else "Baseline"
+    if entry["rmse"] is None:
+        return f"{what}: the free run on {judged} diverges"
+    share = f", {percent(entry['nrmse'])} of the signal" if entry["nrmse"] is not None else ""
+    removed = f"; {percent(rung.removed)} of the explainable error removed" if rung.step else ""
+    return f"{what}: free-run error {quantity(entry['rmse'], unit)} RMSE on {judged}{share}{removed}"

@@ -1,0 +1,51 @@
+"""Physical models behind a quantiser."""
+
+import numpy as np
+
+from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.physics.problem import Problem, finite
+from sysid.diagnosis.structures.cells import QUANTISER, Cells, cells_of, inside_cells
+from sysid.diagnosis.structures.structure import WHITE
+from sysid.separable.descent import Minimum, Residual
+
+
+def read_cells(problem: Problem, point: Floats) -> Cells | None:
+    """Return what the readings say if the last effect, and the last of the sensor, is a quantiser."""
+    if not problem.choices or problem.choices[-1].name != QUANTISER:
+        return None
+    y = problem.setting.record.y[problem.rows, 0]
+    return cells_of(y, float(point[problem.effect_places[-1].start]))
+
+
+def within_cells(problem: Problem, end: Minimum[Residual]) -> Minimum[Residual]:
+    """Go on behind a quantiser by the cells that were read, if that lowers the error.
+
+    Parameters
+    ----------
+    problem : Problem
+    end : Minimum
+        Of the squared error, where a search without slopes of the quantiser came to rest.
+
+    Returns
+    -------
+    Minimum
+        The same where there is no quantiser, or noise hides its steps.
+    """
+    cells = read_cells(problem, end.x)
+    if cells is None:
+        return end
+    plain = Problem(problem.setting, problem.choices, problem.rows, WHITE, problem.largest)
+    bounds = problem.bounds
+
+    def output(x: Floats) -> Floats:
+        with np.errstate(all="ignore"):
+            return np.asarray(plain.outputs(np.clip(x, *bounds)[np.newaxis], rounded=False)[0])
+
+    def slopes(x: Floats) -> Floats:
+        with np.errstate(all="ignore"):
+            return finite(plain.jacobian(np.clip(x, *bounds)))
+
+    start = end.x.copy()
+    start[problem.effect_places[-1].start] = cells.step
+    better = problem.descend(inside_cells(cells, output, slopes, start), 1, 0.0)
+    return better if better.cost < end.cost else end

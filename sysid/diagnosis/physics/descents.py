@@ -1,0 +1,122 @@
+"""Descents of a physical problem from several starts: where they end, and whether they agree."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.physics.points import with_states
+from sysid.diagnosis.physics.problem import Problem
+from sysid.diagnosis.physics.scatter import within_limits
+from sysid.diagnosis.physics.search import grid_starts, problem_point, refined
+from sysid.separable.descent import Minimum, Residual
+
+# Most evaluations, tolerance and number of descents of each effort.
+EVALUATIONS = (100, 14, 60)
+TOLERANCES = (1e-7, 1e-4, 1e-7)
+DESCENTS = (1, 2, 4)
+# So many evaluations are spent on every start before the better ones are followed.
+TRIED = 6
+# Two searches agree when their root mean square errors differ by this share, and their outputs by less than
+# that share of the error.
+AGREEMENT, OUTPUT_AGREEMENT = 1e-3, 0.05
+# What a model that lacks an effect cannot follow has many minima next to the best: after many restarts these
+# may differ by a hundredth of the squared error.
+NEARLY, NEARLY_SAME_OUTPUT = 5e-3, 0.1
+
+
+def descents(problem: Problem, starts: Sequence[Floats]) -> list[Minimum[Residual]]:
+    """Return where searches from model parameters end, the best first."""
+    points = [with_states(problem, start) for start in starts]
+    ends = [problem.descend_if_finite(point, EVALUATIONS[2], TOLERANCES[2]) for point in points]
+    return sorted((end for end in ends if end is not None), key=cost_of)
+
+
+def ends_beside(
+    problem: Problem, before: Problem, known: Floats, new: Sequence[int], effort: int
+) -> list[Minimum[Residual]]:
+    """Search from the best points of the grid, around the fit so far and around the nominal values."""
+    tried = _tried_beside(problem, before, known, new, effort)
+    if not tried:
+        tried = [problem.descend(problem_point(problem, before, known), 2, TOLERANCES[effort])]
+    ends = [
+        end
+        if end.status.converged
+        else problem.descend(end.x, EVALUATIONS[effort] - TRIED, TOLERANCES[effort])
+        for end in different(sorted(tried, key=cost_of))[: DESCENTS[effort]]
+    ]
+    ends.sort(key=cost_of)
+    # For a ranking the shapes of earlier effects stay where they are on the whole.
+    scanned = None if effort == 2 else new
+    ends[0] = refined(problem, ends[0], EVALUATIONS[1], TOLERANCES[effort], scanned)
+    return ends
+
+
+def ends_without_colour(
+    white: Problem, before: Problem, problem: Problem, known: Floats, new: Sequence[int], effort: int
+) -> list[Minimum[Residual]]:
+    """Search shortly under white noise; go on from there under the problem's own colour."""
+    tried = _tried_beside(white, before, known, new, 1)
+    if not tried:
+        return []
+    near = refined(white, min(tried, key=cost_of), EVALUATIONS[1], TOLERANCES[1], new)
+    end = problem.descend_if_finite(near.x, EVALUATIONS[effort], TOLERANCES[effort])
+    return [] if end is None else [end]
+
+
+def _tried_beside(
+    problem: Problem, before: Problem, known: Floats, new: Sequence[int], effort: int
+) -> list[Minimum[Residual]]:
+    """Return where short searches from the best points of the grid have come to."""
+    found: list[Floats] = []
+    for centre in _centres(problem, before, known):
+        starts = grid_starts(problem, before, centre, new)[: DESCENTS[effort]]
+        found += [within_limits(problem, point) for _, point in starts]
+    runs = [problem.descend_if_finite(x, TRIED, TOLERANCES[effort]) for x in found]
+    return [end for end in runs if end is not None]
+
+
+def _centres(problem: Problem, before: Problem, known: Floats) -> list[Floats]:
+    """Return the points without the new effects around which these are searched."""
+    centres = [known]
+    nominal = known.copy()
+    nominal[: before.n_model] = problem.setting.nominal
+    if not np.allclose(nominal, known, rtol=1e-3):
+        centres.append(nominal)
+    return centres
+
+
+def cost_of(end: Minimum[Residual]) -> float:
+    """Return the cost at which a search ended."""
+    return end.cost
+
+
+def agree(ends: Sequence[Minimum[Residual]]) -> bool:
+    """Tell whether the best end, first in the list, was found more than once."""
+    return sum(_same(ends[0], end) for end in ends) > 1
+
+
+def nearly_agree(ends: Sequence[Minimum[Residual]]) -> bool:
+    """Tell whether another of many searches ended next to the best."""
+    return sum(_same(ends[0], end, NEARLY, NEARLY_SAME_OUTPUT) for end in ends) > 1
+
+
+def different(ends: Sequence[Minimum[Residual]]) -> list[Minimum[Residual]]:
+    """Leave out searches that have come to where a better one is already, or nearly so."""
+    kept: list[Minimum[Residual]] = []
+    for end in ends:
+        if all(not _same(other, end) for other in kept):
+            kept.append(end)
+    return kept
+
+
+def _same(
+    best: Minimum[Residual],
+    end: Minimum[Residual],
+    cost: float = AGREEMENT,
+    output: float = OUTPUT_AGREEMENT,
+) -> bool:
+    """Tell whether two searches ended at the same error with the same output."""
+    apart = float(np.linalg.norm(end.point.residual - best.point.residual))
+    error = np.sqrt(best.cost)
+    return bool(np.sqrt(end.cost) <= error * (1.0 + cost) and apart <= output * error)

@@ -1,0 +1,392 @@
+"""The least-squares problem of a physical model with effects: free-run error over all unknowns."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Mask
+from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.physics.laws import INNER, coefficients, lower_bound, typical_size
+from sysid.diagnosis.physics.setting import LARGEST_LOGARITHM, Setting
+from sysid.diagnosis.structures.noise_filter import filtered_lines
+from sysid.diagnosis.structures.structure import WHITE, Choice, StructureFit, filtered
+from sysid.diagnosis.structures.whitening import opening
+from sysid.errors import UsageError
+from sysid.physics.model import Parameter
+from sysid.separable.descent import Minimum, Residual, descend
+
+# Fastest rate times the Runge-Kutta step: the run's relative error is about its fourth power / 120.
+COARSE_STEP, FINE_STEP = 0.35, 0.2
+# A value known within some 20 % stays within a factor of exp(3) = 20, whatever the effects do to it.
+FURTHEST = 3.0
+# Step of the difference quotients, relative to the size of the unknown: truncation and rounding both
+# stay below 1e-5 of the derivative.
+DIFFERENCE = 1e-6
+# An unknown near zero is moved as one of this share of its typical size.
+SMALLEST_SHARE = 1e-2
+
+
+@dataclass
+class Budget:
+    """Steps that the simulations of one fit may still take: not seconds, so that results repeat.
+
+    Attributes
+    ----------
+    left : float
+    spent : bool
+        Whether a search was cut short.
+    """
+
+    left: float = np.inf
+    spent: bool = False
+
+    def evaluations(self, wanted: int, steps: float) -> int:
+        """Return how many evaluations of so many steps may be made: what is wanted, or at least two."""
+        allowed = max(int(min(self.left / max(steps, 1.0), wanted)), 2)
+        self.spent |= allowed < wanted
+        return min(allowed, wanted)
+
+
+class Problem:
+    """Residual and Jacobian over a point [model parameters, effect parameters, initial states].
+
+    Parameters
+    ----------
+    setting : Setting
+    choices : sequence of Choice
+        Effects in the model.
+    rows : ndarray of bool, shape (n_samples,)
+        Rows that count.
+    noise : ndarray
+        D(q) by which the residual is filtered.
+    largest : float
+        Largest product of the model's fastest rate and the Runge-Kutta step.
+    free_start : bool, optional
+        As the setting has it by default.
+    budget : Budget, optional
+        Of all problems of one fit.
+    """
+
+    def __init__(
+        self,
+        setting: Setting,
+        choices: Sequence[Choice],
+        rows: Mask,
+        noise: Floats,
+        largest: float,
+        free_start: bool | None = None,
+        budget: Budget | None = None,
+    ) -> None:
+        self.setting, self.choices, self.rows, self.noise = setting, tuple(choices), rows, noise
+        self.largest = largest
+        self.budget = Budget() if budget is None else budget
+        self.free_start = setting.free_start if free_start is None else free_start
+        record = setting.record
+        self.parts = [part for part in record.slices if rows[part].any()]
+        # Nothing after the last row that counts is simulated.
+        self.parts = [
+            slice(part.start, part.start + int(np.flatnonzero(rows[part])[-1]) + 1) for part in self.parts
+        ]
+        self.target = filtered(np.where(rows, record.y[:, 0], 0.0), rows, noise)
+        counts = [len(choice.form.parameters) for choice in self.choices]
+        n = len(setting.searched)
+        self.effect_places = [
+            slice(n + sum(counts[:i]), n + sum(counts[: i + 1])) for i in range(len(counts))
+        ]
+        self.n_model, self.n_effects = n, sum(counts)
+        self.n_starts = setting.plant.order * len(self.parts) if self.free_start else 0
+        # Effects of strength zero are simulated as the others are, or their difference would be the steps'.
+        self.exact = not any(choice.effect.port in INNER for choice in self.choices)
+        self.held = np.zeros(self.size, dtype=bool)
+
+    @cached_property
+    def run_edges(self) -> NDArray[np.int64]:
+        """First place, among the rows that count, of each run of rows that follow one another; the end."""
+        places = np.flatnonzero(self.rows)
+        first = np.flatnonzero(np.diff(places, prepend=-2) != 1)
+        return np.append(first, places.size).astype(np.int64)
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self.n_model + self.n_effects + self.n_starts
+
+    @cached_property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Bounds of a point."""
+        low = [_logarithm(p, p.minimum, -LARGEST_LOGARITHM) for p in self.setting.searched]
+        high = [_logarithm(p, p.maximum, LARGEST_LOGARITHM) for p in self.setting.searched]
+        for choice in self.choices:
+            low += [lower_bound(choice.effect, p, self.setting.sizes) for p in choice.form.parameters]
+            high += [p.maximum for p in choice.form.parameters]
+        near = np.array([p.positive and p.status == "uncertain" for p in self.setting.searched], dtype=bool)
+        n, nominal = self.n_model, self.setting.nominal
+        low[:n] = np.where(near, np.maximum(low[:n], nominal - FURTHEST), low[:n]).tolist()
+        high[:n] = np.where(near, np.minimum(high[:n], nominal + FURTHEST), high[:n]).tolist()
+        unbounded = np.full(self.n_starts, np.inf)
+        return np.concatenate([low, -unbounded]), np.concatenate([high, unbounded])
+
+    @cached_property
+    def sizes(self) -> Floats:
+        """Typical size of each unknown: 1 for logarithms."""
+        own = [
+            1.0 if p.positive else max(abs(p.start), self.setting.sizes["F"]) for p in self.setting.searched
+        ]
+        for choice in self.choices:
+            own += [typical_size(p.unit, self.setting.sizes) for p in choice.form.parameters]
+        states = np.tile(self.setting.state_sizes, len(self.parts) if self.free_start else 0)
+        return np.concatenate([own, states])
+
+    def outputs(self, points: Floats, *, rounded: bool = True) -> Floats:
+        """Return the free run on the rows that count, unfiltered, shape (lanes, n_rows)."""
+        runs = [
+            self.run(part, points, number, rounded=rounded)[:, chosen]
+            for number, (part, chosen) in enumerate(zip(self.parts, self._chosen, strict=True))
+        ]
+        return runs[0] if len(runs) == 1 else np.concatenate(runs, axis=1)
+
+    @cached_property
+    def _chosen(self) -> list[Any]:
+        """Rows that count in each part: a slice, which copies nothing, where they follow one another."""
+        found: list[Any] = []
+        for part in self.parts:
+            rows = np.flatnonzero(self.rows[part])
+            unbroken = rows.size == rows[-1] + 1 - rows[0]
+            found.append(slice(int(rows[0]), int(rows[-1]) + 1) if unbroken else self.rows[part])
+        return found
+
+    def run(
+        self,
+        part: slice,
+        points: Floats,
+        number: int | None,
+        states: Floats | None = None,
+        *,
+        rounded: bool = True,
+    ) -> Floats:
+        """Simulate one experiment for several points, shape (lanes, n_rows).
+
+        ``number`` says whose initial state in the point counts; None for rest.  Unless ``rounded``,
+        sensors that jump and follow their input on the whole are left out, as derivatives want it.
+        """
+        setting = self.setting
+        plant = setting.plant
+        lanes = points.shape[0]
+        values = np.tile(setting.known, (lanes, 1))
+        values[:, setting.places] = setting.to_values(points[:, : self.n_model])
+        effects = [[point[place] for place in self.effect_places] for point in points]
+        laws, starts = self._laws(effects), self._starts(points, number)
+        u = setting.record.u[part]
+        driven = self._inputs(u, effects)
+        steps = plant.substeps(values[:1], self.largest) if plant.always_steps or not self.exact else 1
+        self.budget.left -= lanes * u.shape[0] * steps
+        y = plant.run(values, laws, driven, starts, steps, states, self.exact)
+        return self._outputs(y, u[:, 0], effects, rounded)
+
+    def _starts(self, points: Floats, number: int | None) -> Floats | None:
+        """Return the initial states of an experiment in some points; None for rest."""
+        if not self.free_start or number is None:
+            return None
+        first = self.n_model + self.n_effects + number * self.setting.plant.order
+        return points[:, first : first + self.setting.plant.order]
+
+    def moved_by_input(self, part: slice, number: int | None, point: Floats, signals: Floats) -> Floats:
+        """Return how an experiment's free run changes with small signals added to the plant's input.
+
+        Shape (n_signals, n_rows); sensors that jump are left out.  ``number`` as for `run`.
+        """
+        setting, plant = self.setting, self.setting.plant
+        lanes = signals.shape[0] + 1
+        values = np.tile(setting.known, (lanes, 1))
+        values[:, setting.places] = setting.to_values(point[: self.n_model])
+        effects = [[point[place] for place in self.effect_places]] * lanes
+        laws = self._laws(effects)
+        u = setting.record.u[part]
+        driven = self._inputs(u, effects)
+        driven = np.tile(driven, (lanes, 1, 1)) if driven.ndim == 2 else driven
+        driven[1:, :, 0] += signals
+        steps = plant.substeps(values[:1], self.largest) if plant.always_steps or not self.exact else 1
+        starts = self._starts(np.tile(point, (lanes, 1)), number)
+        runs = plant.run(values, laws, driven, starts, steps, None, self.exact)
+        y = self._outputs(runs, u[:, 0], effects, False)
+        return np.asarray(y[1:] - y[0])
+
+    def _laws(self, effects: Sequence[Sequence[Floats]]) -> Floats:
+        """Return the law of each lane; most lanes of a Jacobian share theirs."""
+        found: dict[bytes, Floats] = {}
+        lanes = []
+        for parameters in effects:
+            key = b"".join(own.tobytes() for own in parameters)
+            if key not in found:
+                found[key] = coefficients(self.choices, parameters)
+            lanes.append(found[key])
+        return np.array(lanes)
+
+    def _inputs(self, u: Floats, effects: Sequence[Sequence[Floats]]) -> Floats:
+        """Send the first input through the effects at the input, if there are any."""
+        own = [i for i, choice in enumerate(self.choices) if choice.effect.port == "input"]
+        if not own:
+            return u
+        found: dict[bytes, Floats] = {}
+        lanes = []
+        for parameters in effects:
+            key = b"".join(parameters[i].tobytes() for i in own)
+            if key not in found:  # most lanes of a Jacobian share their input
+                signal = u[:, 0]
+                for i in own:
+                    signal = self._applied(i, signal, parameters[i])
+                found[key] = signal
+            lanes.append(found[key])
+        if len(found) == 1 and u.shape[1] == 1:
+            return lanes[0][:, np.newaxis]
+        driven = np.tile(u, (len(effects), 1, 1))
+        driven[:, :, 0] = lanes
+        return driven
+
+    def _outputs(self, y: Floats, u: Floats, effects: Sequence[Sequence[Floats]], rounded: bool) -> Floats:
+        """Send the output through the sensor's effects, after what runs beside the model is added."""
+        beside = [i for i, choice in enumerate(self.choices) if choice.effect.port == "parallel"]
+        sensor = [
+            i
+            for i, choice in enumerate(self.choices)
+            if choice.effect.port == "output"
+            and (rounded or choice.form.smooth or choice.form.slope != "identity")
+        ]
+        for lane, parameters in enumerate(effects if beside or sensor else ()):
+            signal = y[lane]
+            for i in beside:
+                signal = signal + self._applied(i, u, parameters[i])
+            for i in sensor:
+                signal = self._applied(i, signal, parameters[i])
+            y[lane] = signal
+        return y
+
+    def _applied(self, effect: int, signal: Floats, parameters: Floats) -> Floats:
+        apply = self.choices[effect].form.apply
+        assert apply is not None
+        return apply(np.require(signal, requirements=["C", "W"]), parameters, self.setting.record.period)
+
+    def errors(self, points: Floats, *, rounded: bool = True) -> Floats:
+        """Return the filtered residual of several points, shape (lanes, n_rows)."""
+        outputs = self.outputs(points, rounded=rounded)
+        out = outputs
+        if self.noise.size > 1:
+            out = filtered_lines(
+                np.ascontiguousarray(outputs), self.run_edges, self.noise, opening(self.noise)
+            )
+        return np.asarray(out - self.target)
+
+    def residual(self, point: Floats) -> Floats:
+        """Return the filtered residual, model less measurement."""
+        return np.asarray(self.errors(point[np.newaxis])[0])
+
+    def cost(self, point: Floats) -> float:
+        """Return the sum of its squares; infinite where the model diverges."""
+        error = self.residual(point)
+        cost = float(error @ error)
+        return cost if np.isfinite(cost) else np.inf
+
+    def shifted(self, point: Floats, columns: Sequence[int]) -> tuple[Floats, Floats]:
+        """Return the point and copies with one unknown moved in each, and how far."""
+        _, upper = self.bounds
+        step = DIFFERENCE * np.maximum(np.abs(point), SMALLEST_SHARE * self.sizes)
+        step[: self.n_model] = np.where(self.setting.positive, DIFFERENCE, step[: self.n_model])
+        step = np.where(point + step > upper, -step, step)
+        points = np.tile(point, (1 + len(columns), 1))
+        for lane, column in enumerate(columns):
+            points[1 + lane, column] += step[column]
+        moved = points[1:][np.arange(len(columns)), list(columns)] - point[list(columns)]
+        return points, moved
+
+    def jacobian(self, point: Floats) -> Floats:
+        """Return the derivative of the residual by difference quotients; zero for what is held."""
+        columns = np.flatnonzero(~self.held)
+        points, moved = self.shifted(point, columns.tolist())
+        return self._quotients(self.errors(points, rounded=False), moved)
+
+    def _quotients(self, errors: Floats, moved: Floats) -> Floats:
+        lines = np.zeros((self.size, errors.shape[1]))
+        lines[~self.held] = (errors[1:] - errors[0]) / moved[:, np.newaxis]
+        return lines.T
+
+    def with_derivative(self, point: Floats) -> tuple[Floats, Floats]:
+        """Return residual and Jacobian from runs side by side, which take little longer than one alone."""
+        points, moved = self.shifted(point, np.flatnonzero(~self.held).tolist())
+        errors = self.errors(points)
+        return errors[0], self._quotients(errors, moved)
+
+    @cached_property
+    def jumps(self) -> bool:
+        """Whether a sensor jumps, so that derivatives are taken without it."""
+        forms = [choice.form for choice in self.choices if choice.effect.port == "output"]
+        return any(not form.smooth and form.slope == "identity" for form in forms)
+
+    @property
+    def steps_of_an_evaluation(self) -> float:
+        """Steps that a residual with its Jacobian takes."""
+        rows = sum(part.stop - part.start for part in self.parts)
+        plant = self.setting.plant
+        inside = plant.always_steps or not self.exact
+        substeps = plant.substeps(self.setting.known[np.newaxis], self.largest) if inside else 1
+        return float((1 + self.size) * rows * substeps)
+
+    def descend_if_finite(
+        self, point: Floats, evaluations: int, tolerance: float
+    ) -> Minimum[Residual] | None:
+        """Search on from a point; None if the model diverges there."""
+        try:
+            return self.descend(point, evaluations, tolerance)
+        except UsageError:
+            return None
+
+    def descend(self, point: Floats, evaluations: int, tolerance: float) -> Minimum[Residual]:
+        """Search on by Levenberg and Marquardt's method until the cost falls by a negligible share."""
+        lower, upper = self.bounds
+        with np.errstate(all="ignore"):
+            return descend(
+                _Evaluation(self),
+                np.clip(point, lower, upper),
+                bounds=(lower, upper),
+                negligible=tolerance,
+                max_evaluations=self.budget.evaluations(evaluations, self.steps_of_an_evaluation),
+            )
+
+
+def problem_of(setting: Setting, fit: StructureFit, choices: Sequence[Choice] | None = None) -> Problem:
+    """Return the problem of a fit, or of the same rows with other effects."""
+    return Problem(setting, fit.choices if choices is None else choices, fit.rows, WHITE, COARSE_STEP)
+
+
+class _Evaluation:
+    """Residuals of a problem, with the Jacobian at once as long as the search takes its steps."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self._derivative_is_wanted = True
+
+    def __call__(self, point: Floats) -> Residual:
+        if self._problem.jumps or not self._derivative_is_wanted:
+            return Residual(self._problem.residual(point), lambda: self._asked(self._problem.jacobian(point)))
+        self._derivative_is_wanted = False
+        residual, J = self._problem.with_derivative(point)
+        return Residual(residual, lambda: self._asked(J))
+
+    def _asked(self, J: Floats) -> Floats:
+        self._derivative_is_wanted = True
+        return finite(J)
+
+
+def finite(J: Floats) -> Floats:
+    """Return a Jacobian with zeros where a small move makes the model diverge."""
+    return J if np.isfinite(J).all() else np.nan_to_num(J, nan=0.0, posinf=0.0, neginf=0.0)
+
+
+def _logarithm(parameter: Parameter, value: float, unbounded: float) -> float:
+    if not parameter.positive:
+        return value
+    with np.errstate(divide="ignore"):
+        return float(np.clip(np.log(value), -LARGEST_LOGARITHM, LARGEST_LOGARITHM)) if value else unbounded

@@ -1,0 +1,330 @@
+"""Physical models as diagnosis sees them: fitted with effects, by their free run."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.data import Record
+from sysid.data.record import Mask
+from sysid.diagnosis.effects.base import Effect, Floats
+from sysid.diagnosis.effects.catalogue import find_effects
+from sysid.diagnosis.physics.cells import within_cells
+from sysid.diagnosis.physics.descents import (
+    EVALUATIONS,
+    TOLERANCES,
+    TRIED,
+    agree,
+    cost_of,
+    descents,
+    ends_beside,
+    ends_without_colour,
+    nearly_agree,
+)
+from sysid.diagnosis.physics.directions import directions, probes
+from sysid.diagnosis.physics.free_run import free_run, runs
+from sysid.diagnosis.physics.hold import SMOOTHER, band_limited
+from sysid.diagnosis.physics.laws import SMOOTH_LAWS, SWITCHES, has_law, with_level
+from sysid.diagnosis.physics.parameters import named_parameters, standard_errors
+from sysid.diagnosis.physics.points import moved
+from sysid.diagnosis.physics.problem import COARSE_STEP, FINE_STEP, Budget, Problem, problem_of
+from sysid.diagnosis.physics.scatter import is_rugged, scattered
+from sysid.diagnosis.physics.search import Tangent, problem_point, refined
+from sysid.diagnosis.physics.setting import Plant, setting_of
+from sysid.diagnosis.physics.starts import wide_starts
+from sysid.diagnosis.structures.structure import WHITE, Choice, StructureFit
+from sysid.errors import IdentifiabilityError, ModelError
+from sysid.physics.forced import ForcedPlant
+from sysid.physics.general import GeneralPlant, is_general
+from sysid.physics.model import Model
+from sysid.separable.descent import Minimum, Residual
+
+# A search runs on the first rows, so many; its end is polished on all.
+SEARCH_ROWS = 2_500
+# Draws around the nominal values, of values known within some 20 %; more where no two searches agree.
+RESTARTS, MORE_RESTARTS, SPREAD, SEED = 4, 16, 0.25, 7
+# A gain is free when the parameters can follow a scaled output on so many rows up to this share.
+GAIN_ROWS, SAME_DIRECTION = 1_000, 1e-4
+# Most steps that the simulations of a fit of each effort may take, for so many rows; more for more rows.
+BUDGETS, BUDGET_ROWS = (60e6, 25e6, 80e6), 1_200
+DIVERGES = "it diverges"
+SPENT = "stopped: the simulations took as many steps as a fit is given; the minimum may be lower"
+
+
+class PhysicsStructure:
+    """A physical model that can be fitted with effects to one record.
+
+    Parameters
+    ----------
+    record : Record
+        With one output.
+    model : Model
+        Start values, known values.
+    initial_state : {"estimate", "rest"}
+
+    Attributes
+    ----------
+    screened : int
+        Candidates worth a fit: all, for a fit takes some hundredths of a second, and an effect that
+        changes the run much, as a square root does, is not seen in its first-order direction.
+    """
+
+    screened = 100
+
+    def __init__(self, record: Record, model: Model, initial_state: str = "estimate") -> None:
+        self.record = record
+        self.name = model.name
+        self.general = is_general(model)
+        plant: Plant = (
+            GeneralPlant(model, record.period) if self.general else ForcedPlant(model, record.period)
+        )
+        self.model, self.free_start = model, initial_state == "estimate"
+        self._hold_chosen = False
+        self._use(plant)
+
+    def on(self, record: Record) -> "PhysicsStructure":
+        """Return the same structure for another record: its plant, held between samples as was chosen."""
+        other = PhysicsStructure.__new__(PhysicsStructure)
+        other.__dict__.update(self.__dict__)
+        other.record = record
+        if isinstance(self.plant, ForcedPlant):
+            other._use(ForcedPlant(self.model, record.period, self.plant.hold))
+        else:
+            other._use(GeneralPlant(self.model, record.period))
+        return other
+
+    def offered(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
+        """Return the effects that make sense for this model, in the given order.
+
+        A relay gets a level of its own unless the model has a free gain.
+        """
+        sensible = [effect for effect in effects if self._makes_sense(effect)]
+        if all(effect.name not in SWITCHES for effect in sensible) or self._has_free_gain():
+            return tuple(sensible)
+        return tuple(with_level(effect) if effect.name in SWITCHES else effect for effect in sensible)
+
+    def _has_free_gain(self) -> bool:
+        """Tell whether a change of the model's parameters can scale its output."""
+        rows = first_rows_of(self.record.learning, GAIN_ROWS)
+        problem = Problem(self.setting, (), rows, WHITE, COARSE_STEP, free_start=False)
+        point = self.setting.nominal
+        output = problem.outputs(point[np.newaxis])
+        with np.errstate(all="ignore"):
+            left = Tangent(problem, point).outside(output)
+        return bool(np.linalg.norm(left) < SAME_DIRECTION * np.linalg.norm(output))
+
+    def _makes_sense(self, effect: Effect) -> bool:
+        port = self.plant.port
+        if "physics" not in effect.families:
+            return False
+        if effect.port in ("force", "gain", "flow") and not has_law(effect):
+            return False
+        if effect.port == "force":
+            # With a constant force of the model's own these two would be second names.
+            doubled = bool(port.constant) and effect.name in ("asymmetric_friction", "constant_force")
+            known = not self.general or effect.name in SMOOTH_LAWS
+            return port.velocity is not None and known and not doubled
+        if self.general and effect.port == "gain":
+            return False
+        return effect.port != "flow" or bool(port.levels)
+
+    def baseline(self, rows: Mask) -> StructureFit:
+        """Fit the model without effects, from several starts.
+
+        The input is held between samples.  Only where it is one without the upper frequencies of a held
+        input, and a smooth course between samples lowers the held-out error so much that neither a direct
+        path nor a delay could, it counts as smooth from then on.
+        """
+        held = self._baseline(rows)
+        if self._hold_chosen or self.general or not band_limited(self.record, rows):
+            return held
+        self._hold_chosen = True
+        smooth = PhysicsStructure.__new__(PhysicsStructure)
+        smooth.__dict__.update(self.__dict__)
+        smooth._use(ForcedPlant(self.model, self.record.period, "smooth"))
+        quick = smooth.fit((), rows, WHITE, held, effort=0)
+        if self._held_out_error(quick) > SMOOTHER * self._held_out_error(held):
+            return held
+        rivals = [self._with_path(held, name, rows) for name in ("feedthrough", "in_delay")]
+        if self._held_out_error(quick) > SMOOTHER * min(map(self._held_out_error, rivals)):
+            return held
+        self._use(smooth.plant)
+        return self._baseline(rows)
+
+    def held_or_smooth(self) -> bool:
+        """Take the input's other course between samples; tell whether it may have another.
+
+        What is missing can change the free run more than the course between samples does, so that the
+        baseline does not show which one it is.
+        """
+        if not isinstance(self.plant, ForcedPlant) or not band_limited(self.record, self.record.learning):
+            return False
+        other = "zero" if self.plant.hold == "smooth" else "smooth"
+        self._hold_chosen = True
+        self._use(ForcedPlant(self.model, self.record.period, other))
+        return True
+
+    def _use(self, plant: Plant) -> None:
+        self.plant = plant
+        self.setting = setting_of(self.record, self.model, plant, self.free_start)
+
+    def _with_path(self, held: StructureFit, name: str, rows: Mask) -> StructureFit:
+        (effect,) = find_effects([name])
+        return self.fit([Choice(effect, effect.forms[0])], rows, WHITE, held, effort=1)
+
+    def _held_out_error(self, fit: StructureFit) -> float:
+        """Return the root mean square of the free-run error on validation rows, or on those of the fit."""
+        rows = self.record.validation & ~fit.rows
+        error = (fit.output - self.record.y[:, 0])[rows if rows.any() else fit.rows]
+        return float(np.sqrt(np.mean(error**2)))
+
+    def _baseline(self, rows: Mask) -> StructureFit:
+        problem = self._problem((), rows, WHITE, COARSE_STEP)
+        if problem.target.size < 2 * problem.size:
+            raise IdentifiabilityError(
+                f"{problem.target.size} rows cannot determine {problem.size} unknowns: at least "
+                f"{2 * problem.size} rows are needed"
+            )
+        unknown = any(p.status == "free" for p in self.setting.searched)
+        starts = self._wide_starts(rows) if unknown else self._near_starts(RESTARTS)
+        small = first_rows_of(rows, SEARCH_ROWS)
+        search = problem if small.sum() == rows.sum() else self._problem((), small, WHITE, COARSE_STEP)
+        ends = descents(search, starts)
+        found_again = agree(ends)
+        if not found_again:
+            ends = sorted([*ends, *descents(search, self._near_starts(MORE_RESTARTS))], key=cost_of)
+            found_again = agree(ends) or nearly_agree(ends)
+        if not ends:
+            raise ModelError(
+                f"model {self.name!r} diverges from every start: give start values nearer to the plant's"
+            )
+        best = ends[0]
+        if search is not problem:
+            best = problem.descend(moved(search, problem, best.x), EVALUATIONS[2], TOLERANCES[2])
+        return self._result(problem, best, found_again)
+
+    def _wide_starts(self, rows: Mask) -> list[Floats]:
+        """Return starts for parameters of which little is known."""
+        if not self.general:
+            return wide_starts(self.setting, rows)
+        from sysid.physics.fit import fit_physics
+
+        state = "estimate" if self.free_start else "rest"
+        fit = fit_physics(self.record, self.model, initial_state=state, rows=rows)
+        found = self.setting.to_coordinates(np.array([fit.values[p.name] for p in self.setting.searched]))
+        return [found, self.setting.nominal]
+
+    def _near_starts(self, count: int) -> list[Floats]:
+        """Return the nominal values and draws around them."""
+        generator = np.random.default_rng(SEED)
+        nominal = self.setting.nominal
+        width = np.where(self.setting.positive, SPREAD, SPREAD * np.abs(nominal))
+        draws = [nominal + width * generator.uniform(-1.0, 1.0, nominal.size) for _ in range(count)]
+        return [nominal, *draws]
+
+    def fit(
+        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: int
+    ) -> StructureFit:
+        """Fit the model with these effects, from a fit with fewer (or other, or the same) effects."""
+        largest = FINE_STEP if effort == 2 else COARSE_STEP
+        budget = Budget(BUDGETS[effort] * max(float(rows.sum()) / BUDGET_ROWS, 1.0))
+        problem = self._problem(choices, rows, noise, largest, budget)
+        kept = [choice for choice in choices if choice in start.choices]
+        new = [i for i, choice in enumerate(choices) if choice not in start.choices]
+        before = self._problem(kept, rows, noise, largest, budget)
+        known = self._carried(before, start)
+        if effort == 0 or not new:
+            point = problem_point(problem, before, known)
+            if not np.isfinite(problem.cost(point)):  # an effect that was left out may have held it
+                return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status=DIVERGES)
+            end = problem.descend(point, EVALUATIONS[effort], TOLERANCES[effort])
+            if is_rugged(problem) and not np.array_equal(rows, start.rows):
+                end = scattered(problem, end, EVALUATIONS[2], TOLERANCES[2])
+            end = refined(problem, end, EVALUATIONS[1], TOLERANCES[effort])
+            return self._result(problem, within_cells(problem, end), True)
+        small = first_rows_of(rows, SEARCH_ROWS)
+        search, plain = problem, before
+        if small.sum() < rows.sum():
+            search = self._problem(choices, small, noise, largest, budget)
+            plain = self._problem(kept, small, noise, largest, budget)
+        ends = ends_beside(search, plain, self._carried(plain, start), new, effort)
+        if noise.size > 1:
+            # The colour of what is missing can hide an effect from the grid: search without it, too.
+            white = self._problem(choices, search.rows, WHITE, largest, budget)
+            bare = self._problem(kept, search.rows, WHITE, largest, budget)
+            ends += ends_without_colour(white, bare, search, self._carried(bare, start), new, effort)
+            ends.sort(key=cost_of)
+        if effort == 2 and is_rugged(search):
+            ends.insert(0, scattered(search, ends[0], EVALUATIONS[2], TOLERANCES[2]))
+        best, found_twice = ends[0], agree(ends)
+        if search is not problem:
+            last = EVALUATIONS[2] if effort == 2 else TRIED
+            best = problem.descend(moved(search, problem, best.x), last, TOLERANCES[effort])
+        if effort == 2:  # a ranking can do without
+            best = within_cells(problem, best)
+        return self._result(problem, best, found_twice or effort == 1)
+
+    def _problem(
+        self,
+        choices: Sequence[Choice],
+        rows: Mask,
+        noise: Floats,
+        largest: float,
+        budget: Budget | None = None,
+    ) -> Problem:
+        return Problem(self.setting, choices, rows, noise, largest, budget=budget)
+
+    def _carried(self, problem: Problem, start: StructureFit) -> Floats:
+        """Return the point of a problem with effects of ``start`` where that fit left them."""
+        old = self._problem(start.choices, start.rows, WHITE, COARSE_STEP)
+        return moved(old, problem, start.point)
+
+    def _result(self, problem: Problem, minimum: Minimum[Residual], agree: bool) -> StructureFit:
+        return StructureFit(
+            choices=problem.choices,
+            point=minimum.x,
+            parameters=named_parameters(problem, minimum.x, np.full(problem.size, np.nan)),
+            output=free_run(problem, minimum.x),
+            rows=problem.rows,
+            cost=minimum.cost,
+            n_parameters=problem.size,
+            converged=minimum.status.converged,
+            restarts_agree=agree,
+            status=SPENT if problem.budget.spent else minimum.status.value,
+        )
+
+    def tangent(self, fit: StructureFit) -> Floats:
+        """Return the derivative of the free run by all parameters, shape (n_samples, n_parameters)."""
+        problem = problem_of(self.setting, fit)
+        points, steps = problem.shifted(fit.point, range(problem.size))
+        outputs = runs(problem, points)
+        return np.asarray(((outputs[1:] - outputs[0]) / steps[:, np.newaxis]).T)
+
+    def directions(self, fit: StructureFit, effect: Effect) -> list[Floats]:
+        """Return how an effect, added to a fit, would change its free run."""
+        return directions(self.setting, fit, effect)
+
+    def finish(self, fit: StructureFit, noise: Floats) -> StructureFit:
+        """Return a fit with standard errors of its parameters filled in."""
+        problem = self._problem(fit.choices, fit.rows, noise, FINE_STEP)
+        errors = standard_errors(problem, fit.point)
+        return replace(fit, parameters=named_parameters(problem, fit.point, errors))
+
+    def probes(self, fit: StructureFit) -> Floats:
+        """Return directions in which an effect that is not in any list would show."""
+        return probes(self.setting, fit)
+
+    def equation(self, fit: StructureFit) -> str:
+        """Return the model's equation with its effects, for a reader."""
+        lines = [str(self.model)]
+        for choice in fit.choices:
+            values = ", ".join(f"{p.name} = {p.value:.4g}" for p in fit.parameters_of(choice.name))
+            lines.append(f"{choice.name}: {choice.effect.equation}" + (f"  ({values})" if values else ""))
+        return "\n".join(lines)
+
+
+def first_rows_of(rows: Mask, count: int) -> Mask:
+    """Return the first of some rows, so many."""
+    chosen = rows.copy()
+    chosen[np.flatnonzero(rows)[count:]] = False
+    return chosen

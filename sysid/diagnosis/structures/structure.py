@@ -1,0 +1,210 @@
+"""What the decision logic needs of a family of models, and nothing else."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from sysid.data import Record
+from sysid.data.record import Mask
+from sysid.diagnosis.effects.base import Effect, Floats, Form
+from sysid.diagnosis.structures.whitening import opening
+
+# D(q) of noise without a memory: what is fitted is the plain free-run error.
+WHITE = np.ones(1)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """An effect in one of its forms."""
+
+    effect: Effect
+    form: Form
+
+    @property
+    def name(self) -> str:
+        """Name of the effect."""
+        return self.effect.name
+
+
+@dataclass(frozen=True)
+class FittedParameter:
+    """A parameter with its standard error.
+
+    Attributes
+    ----------
+    name, unit : str
+    value, std_error : float
+    owner : str
+        Name of the effect it belongs to, empty for the model's own.
+    """
+
+    name: str
+    value: float
+    std_error: float
+    unit: str
+    owner: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class StructureFit:
+    """A model with effects, fitted by its free run.
+
+    Attributes
+    ----------
+    choices : tuple of Choice
+        The effects in it, in the order they were asked for.
+    point : ndarray
+        Where the search ended, in the structure's own coordinates.
+    parameters : tuple of FittedParameter
+        The model's own parameters first.  Their standard errors need not be filled in (NaN) unless
+        ``finish`` was called.
+    output : ndarray, shape (n_samples,)
+        Free run over every row of the record, one continuous run in each experiment; the initial state
+        of an experiment without rows of the fit is estimated on its first rows.
+    rows : ndarray of bool, shape (n_samples,)
+        Rows of the fit.
+    cost : float
+        Sum of squares of the filtered residual on these rows.
+    n_parameters : int
+        Number of free parameters, initial states included.
+    converged : bool
+    restarts_agree : bool
+        Whether searches from different starts ended at equal cost and output.
+    status : str
+        One sentence.
+    """
+
+    choices: tuple[Choice, ...]
+    point: Floats
+    parameters: tuple[FittedParameter, ...]
+    output: Floats
+    rows: Mask
+    cost: float
+    n_parameters: int
+    converged: bool
+    restarts_agree: bool
+    status: str
+
+    @property
+    def usable(self) -> bool:
+        """Whether the free run diverges under no input of the record."""
+        return bool(np.isfinite(self.cost) and np.isfinite(self.output).all())
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the effects."""
+        return tuple(choice.name for choice in self.choices)
+
+    def parameters_of(self, effect: str) -> tuple[FittedParameter, ...]:
+        """Return the parameters that belong to an effect."""
+        return tuple(parameter for parameter in self.parameters if parameter.owner == effect)
+
+
+class Structure(Protocol):
+    """A family of models that can be fitted with effects to one record.
+
+    ``noise`` is the polynomial D(q) of an autoregression, leading 1 included: a fit minimises the sum
+    of squares of D(q) (y - output) on its rows; `WHITE` gives the plain free-run error.
+    Runs of rows that do not touch are filtered each for itself (see `filtered`).
+
+    A structure must be deterministic: the same arguments give the same bits.
+    """
+
+    record: Record
+    name: str
+
+    def offered(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
+        """Return the effects that make sense for this model, in the given order."""
+        ...
+
+    def baseline(self, rows: Mask) -> StructureFit:
+        """Fit the model without effects, from several starts."""
+        ...
+
+    def directions(self, fit: StructureFit, effect: Effect) -> list[Floats]:
+        """Return how an effect, added to a fit, would change its free run.
+
+        One array of shape (n_samples, n_columns) for each point of a coarse grid of the effect's own
+        shape parameters, the fit's parameters held: the change itself for an effect without a
+        strength, the derivative by each strength otherwise.  For the cheap screen and its null
+        distribution; scale does not matter.
+        """
+        ...
+
+    def tangent(self, fit: StructureFit) -> Floats:
+        """Return the derivative of the free run by all parameters, shape (n_samples, n_parameters)."""
+        ...
+
+    def fit(
+        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: int
+    ) -> StructureFit:
+        """Fit the model with these effects, from a fit with fewer (or other, or the same) effects.
+
+        Parameters
+        ----------
+        choices : sequence of Choice
+        rows : ndarray of bool, shape (n_samples,)
+        noise : ndarray
+        start : StructureFit
+            Effects of ``choices`` that are in it start where it left them; new ones are searched
+            over their grid.
+        effort : int
+            0: only go on from ``start``, which has all effects (a refit on more rows or with other
+            noise); 1: coarse search of the new effects, for a ranking; 2: fine search, several starts.
+        """
+        ...
+
+    def finish(self, fit: StructureFit, noise: Floats) -> StructureFit:
+        """Return a fit with standard errors of its parameters filled in."""
+        ...
+
+    def probes(self, fit: StructureFit) -> Floats:
+        """Return directions in which an effect that is not in any list would show.
+
+        Shape (n_samples, n_probes): smooth functions of input and modelled states, as they are and
+        through the model's dynamics.  For the question whether anything is left to explain.
+        """
+        ...
+
+    def equation(self, fit: StructureFit) -> str:
+        """Return the model's equation with its effects, for a reader."""
+        ...
+
+
+def filtered(columns: Floats, rows: Mask, noise: Floats) -> Floats:
+    """Filter the chosen rows by D(q), each run of rows that follow one another for itself.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (n_samples,) or (n_samples, n_columns)
+    rows : ndarray of bool, shape (n_samples,)
+    noise : ndarray, shape (n_noise + 1,)
+        D(q), leading 1 included.
+
+    Returns
+    -------
+    ndarray, shape (n_rows,) or (n_rows, n_columns)
+        The first rows of each run have the weights of `opening`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> filtered(np.array([1.0, 2.0, 3.0]), np.array([True, True, True]), np.array([1.0, -0.6]))
+    array([0.8, 1.4, 1.8])
+    """
+    chosen = columns[rows]
+    if noise.size == 1:
+        return chosen
+    index = np.flatnonzero(rows)
+    # Where each run begins.
+    breaks = np.flatnonzero(np.diff(index, prepend=index[:1] - 2) != 1)
+    out, first = chosen.copy(), opening(noise)
+    for lag in range(1, noise.size):
+        out[lag:] += noise[lag] * chosen[:-lag]
+    for start, end in zip(breaks.tolist(), [*breaks[1:].tolist(), index.size], strict=True):
+        rows_without_past = min(noise.size - 1, end - start)
+        W = first[:rows_without_past, :rows_without_past]
+        out[start : start + rows_without_past] = W @ chosen[start : start + rows_without_past]
+    return out
