@@ -38,8 +38,8 @@ def chance_at_other_times(residual: Floats, tangent: Floats, change: Floats, slo
     Returns
     -------
     float
-        Rank of the true time among all that were tried, a multiple of 0.01; 0 where there are not enough others
-        because the motion repeats itself or stands still.
+        Rank of the true time among all that were tried, a multiple of 0.01; 0 where there are not enough
+        others because the motion repeats itself or stands still.
 
     References
     ----------
