@@ -142,5 +142,5 @@ def _rung(rung: "Rung", judged: str, unit: str) -> str:
     if entry["rmse"] is None:
         return f"{what}: the free run on {judged} diverges."
     share = f", {percent(entry['nrmse'])} of the signal" if entry["nrmse"] is not None else ""
-    removed = f"; {percent(rung.removed)} of the explainable error removed" if rung.step else ""
+    removed = f"; {percent(min(rung.removed, 1.0))} of the explainable error removed" if rung.step else ""
     return f"{what}: free-run error {quantity(entry['rmse'], unit)} RMSE on {judged}{share}{removed}."
