@@ -57,8 +57,8 @@ def _loop(decision: Decision) -> str:
     if not decision.fed_back:
         return ""
     return (
-        " The input goes with the noise of the same sample, as under a controller: it biases the parameters of "
-        "a free-run fit. Excite the reference more, or measure with the loop open."
+        " The input goes with the noise of the same sample, as under a controller: it biases the parameters "
+        "of a free-run fit. Excite the reference more, or measure with the loop open."
     )
 
 

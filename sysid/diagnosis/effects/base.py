@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,6 +161,10 @@ class Form:
     refines : bool
         Whether it is a finer law of an effect that was found in another form, not looked for by itself:
         it reaches from there to the model without the effect, so that it would fit too many things.
+    inside : bool
+        Port ``"parallel"``: whether forces pass it, too, and see what it adds; its only parameter is a gain.
+    families : tuple of str
+        Kinds of models it makes sense for, of those of the effect.
     """
 
     name: str
@@ -172,6 +176,8 @@ class Form:
     smooth: bool = True
     lowest: float = -np.inf
     refines: bool = False
+    inside: bool = False
+    families: tuple[str, ...] = FAMILIES
 
     @property
     def shapes(self) -> tuple[int, ...]:
@@ -229,6 +235,11 @@ class Effect:
         """Finer laws, tried where it was found and something is left."""
         return tuple(form for form in self.forms if form.refines)
 
+    def within(self, family: str) -> "Effect":
+        """Return the effect with the forms that make sense for a kind of models."""
+        forms = tuple(form for form in self.forms if family in form.families)
+        return self if len(forms) == len(self.forms) else replace(self, forms=forms)
+
     def form(self, name: str) -> Form:
         """Return a form by its name."""
         for form in self.forms:
@@ -247,6 +258,7 @@ class Effect:
             raise ModelError(f"effect {self.name!r} has no form: give at least one")
         for form in self.forms:
             _known(self.name, "slope", [form.slope], SLOPES)
+            _known(self.name, "family", form.families, FAMILIES)
             _known(self.name, "scale", [p.grid.scale for p in form.parameters if p.grid], SCALES)
             if self.port in ("input", "output", "parallel") and form.apply is None:
                 raise ModelError(f"effect {self.name!r}, form {form.name!r}: give apply(sequence, p, period)")

@@ -79,8 +79,8 @@ def _mechanism(effect: "Effect", diagnosis: "Diagnosis") -> str:
     if effect.name != MODE or rings(diagnosis.final.fitted):
         return effect.mechanism
     return (
-        "Further dynamics beside the modelled ones that do not ring, such as a slow heat store or a second time "
-        "constant: the model's order is too low, so try a higher one before you believe in a vibration."
+        "Further dynamics beside the modelled ones that do not ring, such as a slow heat store or a second "
+        "time constant: the model's order is too low, so try a higher one before you believe in a vibration."
     )
 
 
