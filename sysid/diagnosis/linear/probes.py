@@ -4,7 +4,6 @@ import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.linear.chain import Chain, Data
-from sysid.diagnosis.linear.kernels import tangent
 from sysid.diagnosis.structures.probe_functions import EXTRA_LAGS, probe_functions
 
 
@@ -36,11 +35,8 @@ def probe_directions(chain: Chain, data: Data, point: Floats, since: int = 0) ->
         )
         for lag in (since, 0)
     )
-    _, by_position, by_speed = chain.drive_slopes(data, point, run)
-    through = tangent(
-        run.z, run.v, point[:n], point[n : 2 * n], data.begin, False, False,
-        bool(chain.drives), by_position, by_speed, acting,
-    )[2 * n :]  # fmt: skip
+    slopes, own = chain.drive_slopes(data, point, run), chain.n_linear(data)
+    through = chain.followed(data, point, run, slopes, acting)[own : own + len(acting)]
     through = chain.through_sensor(data, point, run, through)
     lags = [data.lagged(data.u, lag) for lag in range(since, 2 * n + EXTRA_LAGS + 1)]
     return np.vstack([functions, through, lags])

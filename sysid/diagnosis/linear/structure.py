@@ -91,7 +91,7 @@ class LinearStructure:
             same["constant_force"] = ""  # the constant is in the model
         names = {effect.name for effect in effects}
         return tuple(
-            effect
+            effect.within("linear")
             for effect in effects
             if "linear" in effect.families
             and not (effect.name in same and same[effect.name] in names | {""})
