@@ -76,6 +76,7 @@ def test_a_hidden_effect_is_named_and_the_error_falls_to_the_noise(effect):
     assert after < 1.15 * noise
     assert found.ladder[1].removed > 0.95
     assert found.noise_floor == pytest.approx(noise, rel=0.1)
+    assert any(sentence.endswith("what is left is noise.") for sentence in found.sentences())
 
 
 class RefitsDiverge(LinearStructure):
@@ -168,6 +169,30 @@ def test_a_constant_force_of_the_model_itself_is_said():
     )
 
 
+def test_parameters_that_only_count_together_are_named():
+    """Without inductance a motor's speed has a gain and a time constant: two numbers for J, b and K."""
+    u = np.repeat(np.random.default_rng(5).uniform(-1.0, 1.0, 60), 5)
+    speed, y = 0.0, []
+    for value in u:  # exact for a held input: R = J = K = 1, b = 0.5
+        y.append(speed)
+        speed = value / 1.5 + (speed - value / 1.5) * np.exp(-0.15)
+    record = make_record(u, np.array(y) + 1e-3 * np.random.default_rng(6).standard_normal(u.size), period=0.1)
+
+    def said(**fixed):
+        found = sysid.diagnose(
+            record,
+            "dc-motor",
+            initial_state="rest",
+            effects=["in_deadzone"],
+            fixed={"R": 1.0, "L": 1e-4} | fixed,
+        )
+        return [sentence for sentence in found.sentences() if "only together" in sentence]
+
+    (sentence,) = said()
+    assert sentence.startswith("The record determines J, b and K only together")
+    assert said(K=1.0) == []
+
+
 def test_effects_are_added_by_hand_and_offered_only_where_they_make_sense():
     found = diagnosed("in_saturation", effects=["out_offset"])
     model = found.add("in_saturation").fit()
@@ -183,6 +208,7 @@ def test_accepting_nothing_leaves_the_baseline():
     assert found.verdict == "missing-effect"
     assert found.accepted == ()
     assert len(found.ladder) == 1
+    assert any(sentence.endswith("what lies above it is the model's.") for sentence in found.sentences())
     refused = sysid.diagnose(record, order=2, initial_state="rest", effects=FEW, accept=lambda name: False)
     assert refused.accepted == ()
 

@@ -23,6 +23,8 @@ from sysid.physics.forced_kernels import (
     cut_step,
     margin,
     mode_at_zero,
+    moved,
+    spilled,
 )
 
 # Lanes side by side: a vector of the widest instructions, or two of the usual ones.
@@ -154,27 +156,15 @@ def lane_rates(
 
 
 @branchless
-def ahead(z: Any, d: Any, step: float) -> Any:
-    """Return the state moved along a rate."""
-    return (
-        z[0] + step * d[0],
-        z[1] + step * d[1],
-        z[2] + step * d[2],
-        z[3] + step * d[3],
-        z[4] + step * d[4],
-    )
-
-
-@branchless
 def lane_step(w: Floats, i: int, n: int, same: bool, curved: bool, step: float, after: Floats) -> None:
     """Fill ``after`` with the state of one lane after a classical Runge-Kutta step."""
     side, moving = w[SIDE * WIDTH + i], w[MOVING * WIDTH + i]
     x0, x1, x2 = w[Z * WIDTH + i], w[(Z + 1) * WIDTH + i], w[(Z + 2) * WIDTH + i]
     x = (x0, x1, x2, w[(Z + 3) * WIDTH + i], w[(Z + 4) * WIDTH + i])
     a = lane_rates(w, i, n, same, curved, x, side, moving)
-    b = lane_rates(w, i, n, same, curved, ahead(x, a, 0.5 * step), side, moving)
-    c = lane_rates(w, i, n, same, curved, ahead(x, b, 0.5 * step), side, moving)
-    d = lane_rates(w, i, n, same, curved, ahead(x, c, step), side, moving)
+    b = lane_rates(w, i, n, same, curved, moved(x, a, 0.5 * step), side, moving)
+    c = lane_rates(w, i, n, same, curved, moved(x, b, 0.5 * step), side, moving)
+    d = lane_rates(w, i, n, same, curved, moved(x, c, step), side, moving)
     sixth = step / 6.0
     after[i] = x[0] + sixth * (a[0] + 2.0 * (b[0] + c[0]) + d[0])
     after[WIDTH + i] = x[1] + sixth * (a[1] + 2.0 * (b[1] + c[1]) + d[1])
@@ -317,10 +307,7 @@ def group_runs(
                         for j in range(MOST_STATES + 1):
                             after[j * WIDTH + i] = end[j]
                 else:
-                    over = max(after[i] - w[_first * WIDTH + i], 0.0)
-                    if over > 0.0:
-                        after[i] = w[_first * WIDTH + i]
-                        after[WIDTH + i] += w[fk.CAUGHT * WIDTH + i] * over
-                    after[WIDTH + i] = min(after[WIDTH + i], w[_second * WIDTH + i])
+                    levels = spilled(rows[i], state_of(after, i))
+                    after[i], after[WIDTH + i] = levels[0], levels[1]
             for j in range((MOST_STATES + 1) * WIDTH):
                 w[Z * WIDTH + j] = after[j]

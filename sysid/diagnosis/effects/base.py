@@ -1,5 +1,6 @@
 """What an effect is: a mechanism, where it enters, its forms and their parameters."""
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -78,6 +79,10 @@ class Grid:
         return points * factors[self.scale]
 
 
+# A divisor or a factor without a unit.
+_ONE = re.compile(r"/1(\^\d+)?(?![\w.])|(?<![\w.^/])1(\^\d+)? ")
+
+
 @dataclass(frozen=True)
 class EffectParameter:
     """A parameter of an effect.
@@ -114,11 +119,14 @@ class EffectParameter:
         --------
         >>> EffectParameter("c", "[F]/[v]^2", "drag").unit_with({"F": "N", "v": "m/s"})
         'N/(m/s)^2'
+        >>> EffectParameter("c", "[y]/[u]^2", "curvature").unit_with({"y": "m", "u": ""})
+        'm'
         """
         text = self.unit
         for symbol, unit in units.items():
             wrapped = f"({unit})" if any(sign in unit for sign in " /*^") and text != f"[{symbol}]" else unit
             text = text.replace(f"[{symbol}]", wrapped or "1")
+        text = _ONE.sub("", text)
         return "" if text == "1" else text
 
 
