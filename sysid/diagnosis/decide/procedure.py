@@ -4,6 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+
 from sysid.data.record import Mask
 from sysid.diagnosis.decide.acceptance import is_accepted, is_better_held_out, is_significant
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
@@ -15,7 +17,7 @@ from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, Evidence, int
 from sysid.diagnosis.decide.rungs import rungs_to
 from sysid.diagnosis.decide.trials import POLISHED, Trials
 from sysid.diagnosis.decide.verdict import Judge, leaves_a_trace
-from sysid.diagnosis.effects.base import Effect
+from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.structures.structure import WHITE, Structure, StructureFit
 from sysid.progress import Progress
 
@@ -23,6 +25,8 @@ from sysid.progress import Progress
 SETTLINGS = 2
 # How many runners-up are tried before a record counts as unexplained, and how many beside each.
 RUNNERS_UP, BESIDE_RUNNER_UP = 2, 4
+# The input's other course is worth a search if it lowers the squared error, all else refitted, to this share.
+CLOSER = 0.9
 # To how many of the others the one that leaves the least is added.
 PAIRED = 8
 
@@ -110,12 +114,28 @@ class Search:
         """
         if not structure.held_or_smooth():
             return attempt, decision
+        fits = (decision.baseline, decision.final)
+        after = self._errors(attempt.evidence, fits)
+        structure.held_or_smooth()
+        before = self._errors(attempt.evidence, fits)
+        if not (after < CLOSER * before).any():  # neither without effects nor with them does it come closer
+            return attempt, decision
+        structure.held_or_smooth()
         other = self._attempt(attempt.evidence.rows, attempt.evidence.held_out)
         found = other.decided()
         if is_better_held_out(attempt.evidence, found.final, decision.final):
             return other, found
         structure.held_or_smooth()
         return attempt, decision
+
+    def _errors(self, evidence: Evidence, fits: Sequence[StructureFit]) -> Floats:
+        """Return the squared free-run error of each fit, refitted under the input's present course."""
+        learning, errors = self.structure.record.learning, []
+        for fit in fits:
+            again = self.structure.fit(fit.choices, evidence.rows, WHITE, fit, effort=0)
+            error = evidence.residual(again)[learning]
+            errors.append(float(error @ error) if again.usable else np.inf)
+        return np.array(errors)
 
     def _attempt(self, rows: Mask, held_out: Mask) -> "Attempt":
         """Return the search on these rows."""
