@@ -2,12 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
 from sysid.data import Record
 from sysid.data.record import Mask, check_record
-from sysid.errors import IdentifiabilityError, UsageError
+from sysid.errors import IdentifiabilityError, SysidError, UsageError
 from sysid.lft.between_samples import interpolation_taps
 from sysid.lft.linear_block import LinearBlock
 from sysid.lft.wiener_hammerstein_fit import WienerHammersteinFit
@@ -27,6 +28,8 @@ from sysid.nonlinearities.spline import Extrapolation, Spline
 Progress = Callable[[int, int], None]
 
 LARGEST_ORDER = 10
+# Up to so many rows and poles a search with given orders grows from smaller ones.
+SHORT_ROWS, GROWN_POLES = 2_000, 8
 LARGEST_INTERVALS = 200
 ROWS_PER_PARAMETER = 4
 
@@ -131,7 +134,7 @@ def fit_wiener_hammerstein(
     interpolation_taps(oversampling)
     search = Multistart(make_segments(record, rows), form)
     check_enough(search.segments, orders, intervals + degree)
-    screening = search.screened(orders, progress) if start is None else Screening(start, 0, True)
+    screening = search.grown(orders, progress) if start is None else Screening(start, 0, True)
     found = refine(search.settled, replace(screening.model, oversampling=oversampling), intervals)
     return fit_of(record, found, screening, intervals)
 
@@ -165,6 +168,35 @@ class Multistart:
         approximations = [self.approximation(n) for n in (total, total - 1) if n > 0]
         starts = [*extra, *ranked_starts(self.settled, approximations, orders, self.form)]
         return screen(self.settled, starts, progress)
+
+    def grown(self, orders: tuple[int, int], progress: Progress | None = None) -> Screening:
+        """Search as `screened` does, from smaller models too where the record is short.
+
+        A short record tells the linear approximation of high order badly, and its poles lead astray; the
+        ends of searches with one pole less lie near.
+        """
+        rows = sum(int(segment.used.sum()) for segment in self.settled)
+        if rows > SHORT_ROWS or sum(orders) > GROWN_POLES:
+            return self.screened(orders, progress)
+        found: dict[tuple[int, int], Screening] = {}
+        total = (orders[0] + 1) * (orders[1] + 1) - 1
+        for front, back in product(range(orders[0] + 1), range(orders[1] + 1)):
+            if front + back == 0:
+                continue
+            smaller = [found[pair].model for pair in ((front - 1, back), (front, back - 1)) if pair in found]
+            extra = tuple(
+                replace(model, front=model.front.padded(front), back=model.back.padded(back))
+                for model in smaller
+            )
+            try:
+                found[front, back] = self.screened((front, back), None, extra)
+            except SysidError:
+                if (front, back) == orders:
+                    raise
+                continue
+            if progress is not None:
+                progress(len(found), total)
+        return found[orders]
 
 
 def fit_of(record: Record, found: Found, screening: Screening, intervals: int) -> WienerHammersteinFit:
