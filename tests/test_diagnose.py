@@ -15,7 +15,7 @@ from sysid.diagnosis.decide.evidence import orthonormal, remainder, score_screen
 from sysid.diagnosis.decide.procedure import Search
 from sysid.diagnosis.decide.residual_evidence import interleaved
 from sysid.diagnosis.effects import find_effects
-from sysid.diagnosis.export.saved import load, save, saved_model
+from sysid.diagnosis.export.saved import SavedModel, load, save, saved_model
 from sysid.diagnosis.linear.structure import LinearStructure
 from sysid.diagnosis.structures.structure import Structure
 from sysid.errors import DataError, UsageError
@@ -76,6 +76,7 @@ def test_a_hidden_effect_is_named_and_the_error_falls_to_the_noise(effect):
     assert after < 1.15 * noise
     assert found.ladder[1].removed > 0.95
     assert found.noise_floor == pytest.approx(noise, rel=0.1)
+    assert any(sentence.endswith("what is left is noise.") for sentence in found.sentences())
 
 
 class RefitsDiverge(LinearStructure):
@@ -168,6 +169,30 @@ def test_a_constant_force_of_the_model_itself_is_said():
     )
 
 
+def test_parameters_that_only_count_together_are_named():
+    """Without inductance a motor's speed has a gain and a time constant: two numbers for J, b and K."""
+    u = np.repeat(np.random.default_rng(5).uniform(-1.0, 1.0, 60), 5)
+    speed, y = 0.0, []
+    for value in u:  # exact for a held input: R = J = K = 1, b = 0.5
+        y.append(speed)
+        speed = value / 1.5 + (speed - value / 1.5) * np.exp(-0.15)
+    record = make_record(u, np.array(y) + 1e-3 * np.random.default_rng(6).standard_normal(u.size), period=0.1)
+
+    def said(**fixed):
+        found = sysid.diagnose(
+            record,
+            "dc-motor",
+            initial_state="rest",
+            effects=["in_deadzone"],
+            fixed={"R": 1.0, "L": 1e-4} | fixed,
+        )
+        return [sentence for sentence in found.sentences() if "only together" in sentence]
+
+    (sentence,) = said()
+    assert sentence.startswith("The record determines J, b and K only together")
+    assert said(K=1.0) == []
+
+
 def test_effects_are_added_by_hand_and_offered_only_where_they_make_sense():
     found = diagnosed("in_saturation", effects=["out_offset"])
     model = found.add("in_saturation").fit()
@@ -183,6 +208,7 @@ def test_accepting_nothing_leaves_the_baseline():
     assert found.verdict == "missing-effect"
     assert found.accepted == ()
     assert len(found.ladder) == 1
+    assert any(sentence.endswith("what lies above it is the model's.") for sentence in found.sentences())
     refused = sysid.diagnose(record, order=2, initial_state="rest", effects=FEW, accept=lambda name: False)
     assert refused.accepted == ()
 
@@ -408,6 +434,41 @@ def test_a_saved_model_simulates_alike_everywhere(tmp_path, effects):
     exec(saved.to_python(), names)
     # The same sums in another order: rounding grows with the steps, not beyond 1e-9.
     assert np.allclose(names["simulate"](u), expected, rtol=1e-8, atol=1e-9)
+
+
+def test_a_saved_model_with_a_direct_path_inside_simulates_alike_everywhere(tmp_path):
+    effects = (
+        ("feedthrough", "inside", {"d": 0.4}),
+        ("cubic_stiffness", "cubic", {"k3": 0.5}),
+        ("quad_drag", "drag", {"c": 0.3}),
+    )
+    saved = SavedModel((-1.4, 0.6), (0.3, -0.1), 0.02, 0.1, effects)
+    u = np.random.default_rng(0).uniform(-1.0, 1.0, 400)
+    expected = saved.simulate(u)
+    names: dict[str, object] = {}
+    exec(saved.to_python(), names)
+    # Both search each root to rounding; the equations amplify that some ten times.
+    assert np.allclose(names["simulate"](u), expected, rtol=1e-11, atol=1e-12)
+
+
+def test_a_direct_path_that_forces_pass_is_found_where_one_beside_leaves_something():
+    """A resonance with a stiffening spring, sampled so that its force acts at once, too."""
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.uniform(-1.0, 1.0, 400), 2)
+    truth = SavedModel(
+        (-1.4, 0.8), (0.2, 0.1), 0.0, 0.1,
+        (("feedthrough", "inside", {"d": 0.3}), ("cubic_stiffness", "cubic", {"k3": 0.4})),
+    )  # fmt: skip
+    y = truth.simulate(u) + 1e-3 * rng.standard_normal(u.size)
+    found = sysid.diagnose(
+        make_record(u, y, period=0.1), "linear", 2, initial_state="rest",
+        effects=["cubic_stiffness", "feedthrough", "in_saturation", "out_quadratic"],
+    )  # fmt: skip
+    assert found.verdict == "missing-effect"
+    assert set(found.accepted) == {"cubic_stiffness", "feedthrough"}
+    for name, value in (("feedthrough", 0.3), ("cubic_stiffness", 0.4)):
+        (parameter,) = found.final.fitted.parameters_of(name)
+        assert abs(parameter.value - value) < 4.0 * parameter.std_error < 0.02 * value
 
 
 def test_a_saved_model_runs_in_python_control():

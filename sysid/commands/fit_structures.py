@@ -9,7 +9,7 @@ from sysid.errors import UsageError
 
 Fitter = Callable[..., Any]
 """Called as ``fit(record, options, initial_state=..., progress=...)``, returns a model that
-`sysid.diagnosis.compare.judge` takes and that has a method ``saved()`` for `--save`."""
+`sysid.diagnosis.comparison.judge` takes and that has a method ``saved()`` for `--save`."""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """The decision: which effects a model lacks, on evidence that all must agree."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
@@ -8,6 +8,7 @@ from sysid.data.record import Mask
 from sysid.diagnosis.decide.acceptance import is_accepted, is_better_held_out, is_significant
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
 from sysid.diagnosis.decide.growth import Grown, Growth
+from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
 from sysid.diagnosis.decide.ranking import with_every_candidate
 from sysid.diagnosis.decide.refinement import refined
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, Evidence, interleaved
@@ -22,6 +23,8 @@ from sysid.progress import Progress
 SETTLINGS = 2
 # How many runners-up are tried before a record counts as unexplained, and how many beside each.
 RUNNERS_UP, BESIDE_RUNNER_UP = 2, 4
+# To how many of the others the one that leaves the least is added.
+PAIRED = 8
 
 
 @runtime_checkable
@@ -89,10 +92,13 @@ class Search:
         looks_again = decision.left_p_value < LEFT_P_VALUE and not self.smooth
         if looks_again and isinstance(self.structure, Resampled):
             attempt, decision = self._with_other_course(self.structure, attempt, decision)
-        named = decision.verdict not in ("unexplained", "not-identifiable")
-        if named and attempt.evidence.rows_disagree(decision.final):
-            attempt = self._attempt(*interleaved(record.learning))
-            decision = attempt.decided()
+        if decision.verdict != "not-identifiable" and attempt.evidence.rows_disagree(decision.final):
+            other = self._attempt(*interleaved(record.learning))
+            found = other.decided()
+            # Where nothing explains, rows that take turns must do more than move what is left.
+            named = found.verdict != "unexplained" and not leaves_a_trace(found)
+            if decision.verdict != "unexplained" or named:
+                attempt, decision = other, found
         return with_every_candidate(attempt.settled(decision), self.names, self._memory(attempt, decision))
 
     def _with_other_course(
@@ -155,7 +161,15 @@ class Attempt:
         for trial in self._replacing(decision):
             decision = min(decision, self._from_replaced(decision, given, grown, trial), key=_burden)
         if decision.verdict == "unexplained" and self.growth.max_effects > 1:
-            return self._otherwise(decision, grown.trials)
+            decision = self._otherwise(decision, grown.trials)
+        return self._in_a_loop(decision, given) if decision.verdict == "unexplained" else decision
+
+    def _in_a_loop(self, decision: Decision, given: list[StructureFit]) -> Decision:
+        """Judge what nothing explains once more: a controller may have put it into the input."""
+        for fits in (given, list(decision.fits)):
+            final = fits[-1] if fits else decision.baseline
+            if self.evidence.only_at_once(final):
+                return self.judge.verdict(decision.baseline, fits, decision.trials, (), fed_back=True)
         return decision
 
     def _judged(self, baseline: StructureFit, grown: Grown) -> Decision:
@@ -201,18 +215,12 @@ class Attempt:
         return self._judged(decision.baseline, Grown(further.fits, trials, ()))
 
     def _otherwise(self, decision: Decision, trials: tuple[Trial, ...]) -> Decision:
-        """Start again from the runners-up where the leader leads to nothing that explains all.
+        """Start again elsewhere where the leader leads to nothing that explains all.
 
         Alone, a look-alike can explain more than either of two effects that together explain everything.
         """
         evidence, baseline = self.evidence, decision.baseline
-        for trial in trials[1 : 1 + RUNNERS_UP]:
-            if trial.fit is None or not is_significant(evidence, trial):
-                continue
-            found = self.trials.beside(trial.fit, True, BESIDE_RUNNER_UP)
-            if not found or found[0].fit is None or not found[0].gain > 0.0:
-                continue
-            pair = found[0].fit
+        for pair in self._pairs(trials):
             if not is_better_held_out(evidence, pair, decision.final):
                 continue
             rungs = rungs_to(evidence.structure, evidence.rows, pair, baseline, len(self.growth.given))
@@ -221,6 +229,40 @@ class Attempt:
             if other.verdict != "unexplained" and not leaves_a_trace(other):
                 return other
         return decision
+
+    def _pairs(self, trials: tuple[Trial, ...]) -> Iterator[StructureFit]:
+        """Yield pairs of effects to which the leader does not lead, the quickly found ones first.
+
+        The one that leaves the least by its own noise is added to each of the others: beside what is
+        nearly right it is fitted as itself, where alone it stands in for something else, as do others
+        beside it.  Then the runners-up, each with what is best beside it.
+        """
+        evidence = self.evidence
+        worth = [trial for trial in trials if trial.fit is not None and is_significant(evidence, trial)]
+        paired = self._with_likeliest(worth)
+        if paired is not None:
+            yield paired
+        for trial in worth:
+            if trial.fit is None or trial not in trials[1 : 1 + RUNNERS_UP]:
+                continue
+            found = self.trials.beside(trial.fit, True, BESIDE_RUNNER_UP)
+            if found and found[0].fit is not None and found[0].gain > 0.0:
+                yield found[0].fit
+
+    def _with_likeliest(self, trials: Sequence[Trial]) -> StructureFit | None:
+        """Return the best pair of one of these with the one that leaves the least by its own noise."""
+        own = [
+            (self.evidence.own_criterion(trial.fit), trial.name, trial.fit) for trial in trials if trial.fit
+        ]
+        if len(own) < 2:
+            return None
+        name = min(own, key=lambda item: item[0])[1]
+        (likeliest,) = (effect for effect in self.trials.candidates if effect.name == name)
+        others = [fit for _, other, fit in own if other != name][:PAIRED]
+        pairs = [
+            self.trials.best_form(fit, likeliest, likeliest.found_by, WHITE_NOISE, 2).fit for fit in others
+        ]
+        return min((fit for fit in pairs if fit), key=self.evidence.own_criterion, default=None)
 
     def settled(self, decision: Decision) -> Decision:
         """Return a decision whose leading candidates are refitted under the colour of their own residuals.

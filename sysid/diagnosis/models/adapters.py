@@ -8,6 +8,7 @@ import numpy as np
 
 from sysid.data import Record
 from sysid.diagnosis.comparison.scores import finite
+from sysid.diagnosis.models.doubts import doubts
 from sysid.diagnosis.models.fitted_model import LINEAR, ParameterValue
 from sysid.diagnosis.wording import ordinal, quantity
 
@@ -98,15 +99,12 @@ class LinearModel:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What makes the fit doubtful."""
-        found = []
-        if not self.restarts_agree:
-            found.append(
-                "Searches for the linear model from different starts ended at different errors or outputs: "
-                "another model of the same order may do better; compare other orders with --order."
-            )
-        if not self.converged:
-            found.append(f"The fit of the linear model did not converge: {self.status}.")
-        return tuple(found)
+        return doubts(
+            self,
+            "Searches for the linear model from different starts ended at different errors or outputs: "
+            "another model of the same order may do better; compare other orders with --order.",
+            "the linear model",
+        )
 
     @property
     def poles(self) -> tuple[complex, ...]:
@@ -253,19 +251,19 @@ class PhysicalModel(Refitted):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What makes the fit doubtful."""
-        found = []
-        if not self.restarts_agree:
-            found.append(
-                f"Searches for the parameters of {self.name} from different starts disagree in error or "
-                "output: give start values near the plant's with --param, or known values with --fix."
-            )
-        if not self.converged:
-            found.append(f"The fit of {self.name} did not converge: {self.status}.")
-        if loose := self.fit.uncertainty.undetermined:
-            found.append(
-                f"The record determines only combinations of {', '.join(loose)}: fix one of them with --fix."
-            )
-        return tuple(found)
+        found = doubts(
+            self,
+            f"Searches for the parameters of {self.name} from different starts disagree in error or "
+            "output: give start values near the plant's with --param, or known values with --fix.",
+            self.name,
+        )
+        loose = self.fit.uncertainty.undetermined
+        if not loose:
+            return found
+        return (
+            *found,
+            f"The record determines only combinations of {', '.join(loose)}: fix one of them with --fix.",
+        )
 
     def predict(self, record: Record) -> "Prediction":
         """Predict every row by the final model."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from sysid.data import Record
 from sysid.diagnosis.comparison.scores import finite
 from sysid.diagnosis.models.adapters import Refitted
+from sysid.diagnosis.models.doubts import doubts
 from sysid.diagnosis.models.fitted_model import ParameterValue
 from sysid.diagnosis.wording import ordinal
 from sysid.errors import UsageError
@@ -57,15 +58,12 @@ class BlackBox(Refitted):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What makes the fit doubtful."""
-        found = []
-        if not self.restarts_agree:
-            found.append(
-                f"Searches for the {self.title} from different starts ended at different errors or outputs: "
-                "another one of the same order may do better; compare other orders with --order."
-            )
-        if not self.converged:
-            found.append(f"The fit of the {self.title} did not converge: {self.status}.")
-        return tuple(found)
+        return doubts(
+            self,
+            f"Searches for the {self.title} from different starts ended at different errors or outputs: "
+            "another one of the same order may do better; compare other orders with --order.",
+            f"the {self.title}",
+        )
 
     @property
     def poles(self) -> tuple[complex, ...]:

@@ -12,6 +12,7 @@ from sysid.data import Record
 from sysid.diagnosis.comparison.residuals import CorrelationTest, whiteness
 from sysid.diagnosis.comparison.scores import finite
 from sysid.diagnosis.models.adapters import Refitted
+from sysid.diagnosis.models.doubts import doubts
 from sysid.diagnosis.models.fitted_map import GRID, INNER, FittedMap, density_on, inner_range
 from sysid.diagnosis.models.fitted_model import ParameterValue
 from sysid.diagnosis.wording import percent, quantity
@@ -120,14 +121,13 @@ class LftJudged(Refitted):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What makes the fit doubtful."""
-        found = []
-        if not self.restarts_agree:
-            found.append(
+        found = [
+            *doubts(
+                self,
                 f"Only one of {self.accepted.searches} searches ended at the best cost: another may do "
-                "better; raise --starts."
+                "better; raise --starts.",
             )
-        if not self.converged:
-            found.append(f"The fit did not converge: {self.status}.")
+        ]
         centre, band = self._inner
         if not 2.0 * band <= float(np.ptp(centre)):
             found.append(

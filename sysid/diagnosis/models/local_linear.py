@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from sysid.data import Record
 from sysid.diagnosis.comparison.scores import finite
 from sysid.diagnosis.models.adapters import Refitted
+from sysid.diagnosis.models.doubts import doubts
 from sysid.diagnosis.models.fitted_model import ParameterValue
 from sysid.diagnosis.wording import ordinal, percent
 from sysid.errors import UsageError
@@ -107,15 +108,12 @@ class LocalLinearModels(Refitted):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What makes the fit doubtful."""
-        found = []
-        if not self.restarts_agree:
-            found.append(
-                "Searches for the local linear models from different starts ended at different errors: the "
-                "one that does best on the validation rows was taken."
-            )
-        if not self.converged:
-            found.append(f"The fit of the local linear models did not converge: {self.status}.")
-        return tuple(found)
+        return doubts(
+            self,
+            "Searches for the local linear models from different starts ended at different errors: the "
+            "one that does best on the validation rows was taken.",
+            "the local linear models",
+        )
 
     def predict(self, record: Record) -> "Prediction":
         """Predict every row by the final model."""

@@ -10,12 +10,13 @@ import numpy as np
 from sysid.data import Record
 from sysid.diagnosis.comparison.scores import finite
 from sysid.diagnosis.models.adapters import Refitted
+from sysid.diagnosis.models.doubts import doubts
 from sysid.diagnosis.models.fitted_map import GRID, INNER, FittedMap, density_on, inner_range
 from sysid.diagnosis.models.fitted_model import WIENER_HAMMERSTEIN, BlockResponse, ParameterValue
 from sysid.diagnosis.wording import NORMAL_95, percent, significant
-from sysid.lft.wiener_hammerstein_choice import WienerHammersteinChoice, choose_wiener_hammerstein
-from sysid.lft.wiener_hammerstein_files import to_json
-from sysid.lft.wiener_hammerstein_fit import WienerHammersteinFit
+from sysid.lft.wiener_hammerstein.choice import WienerHammersteinChoice, choose_wiener_hammerstein
+from sysid.lft.wiener_hammerstein.files import to_json
+from sysid.lft.wiener_hammerstein.result import WienerHammersteinFit
 from sysid.linear.forms import Floats
 from sysid.linear.simulation import Prediction
 
@@ -105,15 +106,11 @@ class WienerHammersteinJudged(Refitted):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What makes the fit doubtful."""
-        found = []
-        if not self.restarts_agree:
-            found.append(
-                "Only one of the searches from different starts reached the best error: another model of the "
-                "same orders may do better; compare other orders."
-            )
-        if not self.converged:
-            found.append(f"The fit did not converge: {self.status}.")
-        return tuple(found)
+        return doubts(
+            self,
+            "Only one of the searches from different starts reached the best error: another model of the "
+            "same orders may do better; compare other orders.",
+        )
 
     @property
     def poles(self) -> tuple[complex, ...]:

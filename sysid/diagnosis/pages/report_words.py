@@ -4,10 +4,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid.diagnosis.wording import percent, plus_minus, quantity, significant
+from sysid.diagnosis.decide.modes import MODE, rings
+from sysid.diagnosis.wording import NORMAL_95, percent, plus_minus, quantity, significant
 
 if TYPE_CHECKING:
     from sysid.diagnosis.diagnose import Diagnosis
+    from sysid.diagnosis.effects.base import Effect
     from sysid.diagnosis.ladder import Rung
     from sysid.diagnosis.structures.structure import FittedParameter
 
@@ -16,6 +18,8 @@ BLOCKS, ROWS_OF_BLOCK = 24, 8
 LEAST_TREND, LEAST_GROWTH = 3.3, 1.5
 # A model follows next to nothing of the output if its error has this share of its deviation.
 UNRELATED = 0.98
+# A free run within this factor of the floor is down to it: both are estimates, from different rows.
+AT_FLOOR = 1.1
 
 
 def sentences(diagnosis: "Diagnosis") -> list[str]:
@@ -24,19 +28,60 @@ def sentences(diagnosis: "Diagnosis") -> list[str]:
     unit = record.unit(record.outputs[0])
     judged = diagnosis.judged
     found = [_headline(diagnosis)]
-    found += [f"{choice.effect.name}: {choice.effect.mechanism}" for choice in diagnosis.final.fitted.choices]
+    found += [f"{effect.name}: {_mechanism(effect, diagnosis)}" for effect in _effects(diagnosis)]
     for rung in ladder:
         found.append(_rung(rung, judged, unit))
-    if np.isfinite(diagnosis.noise_floor):
-        found.append(f"Noise floor: {quantity(diagnosis.noise_floor, unit)} RMSE; no model gets below it.")
+    found += _noise_floor(diagnosis, judged, unit)
     for rung in ladder[1:]:
         for p in ladder[-1].model.fitted.parameters_of(rung.effect):
             found.append(f"{rung.effect}: {_with_spread(p)}")
-    found += _unrelated(diagnosis) + _own_constant(diagnosis) + _growing(diagnosis, judged, unit)
+    found += _loose(diagnosis) + _unrelated(diagnosis) + _own_constant(diagnosis)
+    found += _growing(diagnosis, judged, unit)
     found += [port.sentence for port in diagnosis.ports[:1]]
     if diagnosis.advice:
         found.append(diagnosis.advice)
     return found
+
+
+def _noise_floor(diagnosis: "Diagnosis", judged: str, unit: str) -> list[str]:
+    """Tell the floor, and whether the final model has come down to it."""
+    floor, left = diagnosis.noise_floor, diagnosis.ladder[-1].scores[judged]["rmse"]
+    if not np.isfinite(floor):
+        return []
+    reached = left is not None and left < AT_FLOOR * floor
+    rest = "what is left is noise" if reached else "what lies above it is the model's"
+    return [f"Noise floor: {quantity(floor, unit)} RMSE; {rest}."]
+
+
+def _loose(diagnosis: "Diagnosis") -> list[str]:
+    """Name the parameters of a physical model that the record leaves open."""
+    if getattr(diagnosis.structure, "plant", None) is None:
+        return []
+    loose = [
+        p.name
+        for p in diagnosis.final.parameters
+        if not p.owner and not NORMAL_95 * p.std_error < abs(p.value)
+    ]
+    if len(loose) < 2:
+        return []
+    return [
+        f"The record determines {', '.join(loose[:-1])} and {loose[-1]} only together, each by itself less "
+        "well than its own size: the free run does not suffer, but to read them fix one with --fix."
+    ]
+
+
+def _effects(diagnosis: "Diagnosis") -> "list[Effect]":
+    return [choice.effect for choice in diagnosis.final.fitted.choices]
+
+
+def _mechanism(effect: "Effect", diagnosis: "Diagnosis") -> str:
+    """Return what happens, for a mode whether it rings at all."""
+    if effect.name != MODE or rings(diagnosis.final.fitted):
+        return effect.mechanism
+    return (
+        "Further dynamics beside the modelled ones that do not ring, such as a slow heat store or a second "
+        "time constant: the model's order is too low, so try a higher one before you believe in a vibration."
+    )
 
 
 def _headline(diagnosis: "Diagnosis") -> str:
@@ -46,7 +91,8 @@ def _headline(diagnosis: "Diagnosis") -> str:
         "missing-effect": f"Missing in the model: {names or (best.name if best else '')}.",
         "nothing-missing": "Nothing is missing in the model.",
         "coloured-noise": "Nothing is missing in the model but a memory of the noise.",
-        "unexplained": f"Missing in the model: {names}, and something that no candidate explains."
+        "unexplained": f"Missing in the model: {names}, or what resembles it, and something that no "
+        "candidate explains."
         if names
         else "Something is missing in the model that no candidate explains.",
         "not-identifiable": "The model's parameters cannot be told from this record.",
@@ -111,7 +157,7 @@ def _rung(rung: "Rung", judged: str, unit: str) -> str:
     entry = rung.scores[judged]
     what = f"With {rung.effect}" if rung.effect else "Baseline"
     if entry["rmse"] is None:
-        return f"{what}: the free run on {judged} diverges"
+        return f"{what}: the free run on {judged} diverges."
     share = f", {percent(entry['nrmse'])} of the signal" if entry["nrmse"] is not None else ""
-    removed = f"; {percent(rung.removed)} of the explainable error removed" if rung.step else ""
-    return f"{what}: free-run error {quantity(entry['rmse'], unit)} RMSE on {judged}{share}{removed}"
+    removed = f"; {percent(min(rung.removed, 1.0))} of the explainable error removed" if rung.step else ""
+    return f"{what}: free-run error {quantity(entry['rmse'], unit)} RMSE on {judged}{share}{removed}."
