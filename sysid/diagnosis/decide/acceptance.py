@@ -5,13 +5,14 @@ from collections.abc import Sequence
 from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.evidence import block_separation, chance_of
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
-from sysid.diagnosis.decide.residual_evidence import Evidence
+from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, SEEN_P_VALUE, Evidence
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.structures.structure import WHITE, StructureFit, filtered
 
 # Two candidates are tied when their errors differ by less than so many standard errors.
 TIED = 2.0
-# A further effect must explain this share of what all effects explain, or it is a detail of the first.
+# A further effect must explain this share of what all effects explain, or it is a detail of the first, unless
+# it explains all that was left.
 LEAST_SHARE = 0.01
 # Where everything is significant it must also lower the free-run error on held-out rows by this share.
 LEAST_FALL = 0.1
@@ -48,7 +49,19 @@ def is_accepted(
     left = evidence.cost(trial.fit, WHITE_NOISE)
     whole = evidence.cost(baseline, WHITE_NOISE) - left
     step = evidence.cost(current, WHITE_NOISE) - left
-    return step > LEAST_SHARE * whole
+    return step > LEAST_SHARE * whole or _explains_the_rest(evidence, trial.fit, current, baseline)
+
+
+def _explains_the_rest(
+    evidence: Evidence, fit: StructureFit, current: StructureFit, baseline: StructureFit
+) -> bool:
+    """Tell whether something was clearly left before, and nothing is now.
+
+    A form with more freedom can do most of what a second effect does; a detail of an effect that is not
+    there leaves something itself.
+    """
+    before, after = (evidence.left(baseline, each, evidence.rows)[0] for each in (current, fit))
+    return before < LEFT_P_VALUE and after >= SEEN_P_VALUE
 
 
 def is_significant(evidence: Evidence, trial: Trial) -> bool:

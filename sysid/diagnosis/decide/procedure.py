@@ -4,6 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+
 from sysid.data.record import Mask
 from sysid.diagnosis.decide.acceptance import is_accepted, is_better_held_out, is_significant
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
@@ -12,6 +14,7 @@ from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
 from sysid.diagnosis.decide.ranking import with_every_candidate
 from sysid.diagnosis.decide.refinement import refined
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, Evidence, interleaved
+from sysid.diagnosis.decide.revision import exchanged
 from sysid.diagnosis.decide.rungs import rungs_to
 from sysid.diagnosis.decide.trials import POLISHED, Trials
 from sysid.diagnosis.decide.verdict import Judge, leaves_a_trace
@@ -23,8 +26,8 @@ from sysid.progress import Progress
 SETTLINGS = 2
 # How many runners-up are tried before a record counts as unexplained, and how many beside each.
 RUNNERS_UP, BESIDE_RUNNER_UP = 2, 4
-# To how many of the others the one that leaves the least is added.
-PAIRED = 8
+# To how many of the others the one that leaves the least is added with care.
+PAIRED = 3
 
 
 @runtime_checkable
@@ -215,6 +218,8 @@ class Attempt:
         for pair in self._pairs(trials):
             if not is_better_held_out(evidence, pair, decision.final):
                 continue
+            # The first was fitted without the second: search it again beside it.
+            pair = exchanged(self.trials, pair, len(self.growth.given))
             rungs = rungs_to(evidence.structure, evidence.rows, pair, baseline, len(self.growth.given))
             other = self.judge.verdict(baseline, rungs, trials, ())
             # Found at a second attempt it must leave not even a trace.
@@ -225,36 +230,39 @@ class Attempt:
     def _pairs(self, trials: tuple[Trial, ...]) -> Iterator[StructureFit]:
         """Yield pairs of effects to which the leader does not lead, the quickly found ones first.
 
-        The one that leaves the least by its own noise is added to each of the others: beside what is
-        nearly right it is fitted as itself, where alone it stands in for something else, as do others
-        beside it.  Then the runners-up, each with what is best beside it.
+        Those that leave the least are added to each of the others: beside what is nearly right an effect is
+        fitted as itself, where alone it stands in for something else, as do others beside it.  Then the
+        runners-up, each with what is best beside it.
         """
         evidence = self.evidence
-        worth = [trial for trial in trials if trial.fit is not None and is_significant(evidence, trial)]
-        paired = self._with_likeliest(worth)
-        if paired is not None:
-            yield paired
-        for trial in worth:
-            if trial.fit is None or trial not in trials[1 : 1 + RUNNERS_UP]:
+        fits = {trial.name: trial.fit for trial in trials if trial.fit is not None}
+        if len(fits) > 1:
+            by_noise = min(fits, key=lambda name: evidence.own_criterion(fits[name]))
+            by_error = min(fits, key=lambda name: evidence.cost(fits[name], WHITE_NOISE))
+            for name in dict.fromkeys((by_noise, by_error)):
+                pair = self._best_with(name, [fit for other, fit in fits.items() if other != name])
+                if pair is not None:
+                    yield pair
+        for trial in trials[1 : 1 + RUNNERS_UP]:
+            if trial.fit is None or not is_significant(evidence, trial):
                 continue
             found = self.trials.beside(trial.fit, True, BESIDE_RUNNER_UP)
             if found and found[0].fit is not None and found[0].gain > 0.0:
                 yield found[0].fit
 
-    def _with_likeliest(self, trials: Sequence[Trial]) -> StructureFit | None:
-        """Return the best pair of one of these with the one that leaves the least by its own noise."""
-        own = [
-            (self.evidence.own_criterion(trial.fit), trial.name, trial.fit) for trial in trials if trial.fit
-        ]
-        if len(own) < 2:
-            return None
-        name = min(own, key=lambda item: item[0])[1]
-        (likeliest,) = (effect for effect in self.trials.candidates if effect.name == name)
-        others = [fit for _, other, fit in own if other != name][:PAIRED]
-        pairs = [
-            self.trials.best_form(fit, likeliest, likeliest.found_by, WHITE_NOISE, 2).fit for fit in others
-        ]
-        return min((fit for fit in pairs if fit), key=self.evidence.own_criterion, default=None)
+    def _best_with(self, name: str, fits: Sequence[StructureFit]) -> StructureFit | None:
+        """Return the best of some fits with one more effect, the leading ones searched with more care."""
+        (effect,) = (effect for effect in self.trials.candidates if effect.name == name)
+
+        def added(fit: StructureFit, effort: int) -> StructureFit | None:
+            forms = effect.found_by if effort > 1 else effect.found_by[:1]
+            return self.trials.best_form(fit, effect, forms, WHITE_NOISE, effort).fit
+
+        def left(pair: StructureFit | None) -> float:
+            return np.inf if pair is None else self.evidence.own_criterion(pair)
+
+        leading = sorted(fits, key=lambda fit: left(added(fit, 1)))[:PAIRED]
+        return min((added(fit, 2) for fit in leading), key=left, default=None)
 
     def settled(self, decision: Decision) -> Decision:
         """Return a decision whose leading candidates are refitted under the colour of their own residuals.
