@@ -7,8 +7,14 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from sysid.data.record import Mask
-from sysid.diagnosis.decide.acceptance import is_accepted, is_better_held_out, is_significant
+from sysid.diagnosis.decide.acceptance import (
+    chance_under_own_noise,
+    is_accepted,
+    is_better_held_out,
+    is_significant,
+)
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
+from sysid.diagnosis.decide.evidence import ScoreScreen
 from sysid.diagnosis.decide.growth import Grown, Growth
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
 from sysid.diagnosis.decide.ranking import with_every_candidate
@@ -265,13 +271,40 @@ class Attempt:
         return min((added(fit, 2) for fit in leading), key=left, default=None)
 
     def settled(self, decision: Decision) -> Decision:
-        """Return a decision whose leading candidates are refitted under the colour of their own residuals.
+        """Return a decision whose leading candidates stand by the colour of their own residuals.
 
         They were weighted by the colour of what is left without them: no minima of their own likelihoods, so
-        that their parameters would be off by more than their standard errors.
+        that their parameters would be off by more than their standard errors, and their p-values too small
+        under slow noise.  What explains less than all of them is no less likely by chance.
         """
-        leading = [self._settled(trial) for trial in decision.trials[:POLISHED]]
-        return replace(decision, trials=(*leading, *decision.trials[POLISHED:]))
+        n_given = len(decision.given)
+        before = decision.fits[n_given - 1] if n_given else decision.baseline
+        leading = [self._settled(trial) for trial in self._by_own_noise(decision.trials[:POLISHED], before)]
+        least = min((trial.p_value for trial in leading if trial.fit is not None), default=0.0)
+        others = [replace(trial, p_value=max(trial.p_value, least)) for trial in decision.trials[POLISHED:]]
+        return replace(decision, trials=(*leading, *others))
+
+    def _by_own_noise(self, trials: Sequence[Trial], before: StructureFit) -> list[Trial]:
+        """Return trials with the chance that they explain as much under noise as slow as it is.
+
+        Where the bound on that chance says that nothing is missing, all of the residual is noise, so that
+        its colour is known and the distribution of the largest score can be had without a bound.
+        """
+        evidence, found = self.evidence, []
+        screen: ScoreScreen | None = None
+        for trial in trials:
+            if trial.fit is None or trial.noise.order == 0:
+                found.append(trial)
+                continue
+            chance = chance_under_own_noise(evidence, trial, before)
+            if chance >= evidence.alpha:
+                if screen is None:
+                    noise = evidence.noise(before)
+                    candidates = [e for e in self.trials.candidates if e.name not in before.names]
+                    screen = self.trials.screen(evidence.refitted(before, noise), candidates, noise)
+                chance = min(chance, screen.p_value(screen.statistics[trial.name]))
+            found.append(replace(trial, p_value=max(trial.p_value, chance)))
+        return found
 
     def _settled(self, trial: Trial) -> Trial:
         structure, rows = self.evidence.structure, self.evidence.rows
