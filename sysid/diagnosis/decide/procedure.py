@@ -23,7 +23,7 @@ from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, Evidence, int
 from sysid.diagnosis.decide.revision import exchanged
 from sysid.diagnosis.decide.rungs import rungs_to
 from sysid.diagnosis.decide.trials import POLISHED, Trials
-from sysid.diagnosis.decide.verdict import Judge, leaves_a_trace
+from sysid.diagnosis.decide.verdict import Judge, explains_most, leaves_a_trace
 from sysid.diagnosis.effects.base import Effect
 from sysid.diagnosis.structures.structure import WHITE, Structure, StructureFit
 from sysid.progress import Progress
@@ -160,7 +160,8 @@ class Attempt:
 
     def decided(self) -> Decision:
         """Grow a model from the baseline and judge it; start otherwise where that leaves something."""
-        baseline = self.evidence.structure.baseline(self.evidence.rows)
+        with self.trials.bars.task("the model without effects, from several starts", None):
+            baseline = self.evidence.structure.baseline(self.evidence.rows)
         if not baseline.restarts_agree:
             unknown, noise = float("nan"), self.evidence.noise(baseline)
             return Decision("not-identifiable", baseline, (), (), (), (), noise, 1.0, 0.0, unknown)
@@ -220,18 +221,23 @@ class Attempt:
 
         Alone, a look-alike can explain more than either of two effects that together explain everything.
         """
-        evidence, baseline = self.evidence, decision.baseline
         for pair in self._pairs(trials):
-            if not is_better_held_out(evidence, pair, decision.final):
+            if not is_better_held_out(self.evidence, pair, decision.final):
                 continue
-            # The first was fitted without the second: search it again beside it.
-            pair = exchanged(self.trials, pair, len(self.growth.given))
-            rungs = rungs_to(evidence.structure, evidence.rows, pair, baseline, len(self.growth.given))
-            other = self.judge.verdict(baseline, rungs, trials, ())
+            other = self._judged_pair(decision, pair, trials)
+            if other.verdict == "unexplained" and explains_most(other.left_share):
+                # The first was fitted without the second: search it again beside it.
+                again = exchanged(self.trials, pair, len(self.growth.given))
+                other = self._judged_pair(decision, again, trials) if again is not pair else other
             # Found at a second attempt it must leave not even a trace.
             if other.verdict != "unexplained" and not leaves_a_trace(other):
                 return other
         return decision
+
+    def _judged_pair(self, decision: Decision, pair: StructureFit, trials: tuple[Trial, ...]) -> Decision:
+        evidence, baseline = self.evidence, decision.baseline
+        rungs = rungs_to(evidence.structure, evidence.rows, pair, baseline, len(self.growth.given))
+        return self.judge.verdict(baseline, rungs, trials, ())
 
     def _pairs(self, trials: tuple[Trial, ...]) -> Iterator[StructureFit]:
         """Yield pairs of effects to which the leader does not lead, the quickly found ones first.
