@@ -13,8 +13,8 @@ from threadpoolctl import threadpool_limits
 
 from sysid.data import make_record
 from sysid.lft import LinearBlock, WienerHammerstein, fit_wiener_hammerstein
-from sysid.lft.wiener_hammerstein_columns import Columns
-from sysid.lft.wiener_hammerstein_reduction import Point, Problem
+from sysid.lft.wiener_hammerstein.columns import Columns
+from sysid.lft.wiener_hammerstein.reduction import Point, Problem
 from sysid.linear.reduction import Segment
 from sysid.nonlinearities.spline import Spline, spline_basis
 

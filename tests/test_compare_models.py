@@ -74,7 +74,7 @@ def test_wrong_models_and_parameters_are_told(arguments, error, message):
 
 
 def test_linear_options_do_not_belong_to_a_physical_model():
-    with pytest.raises(UsageError, match="delay and constant belong to the linear model"):
+    with pytest.raises(UsageError, match="delay belongs to the linear model"):
         compare(spring(100), "mass-spring-damper", delay=2)
 
 

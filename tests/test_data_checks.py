@@ -80,4 +80,8 @@ def test_units_in_brackets_are_known_and_times_in_milliseconds_become_seconds(tm
     record = read_record(path, inputs="u [V]", outputs="y [rad/s]", time="t [ms]")
     assert record.period == pytest.approx(0.02, rel=1e-12)
     assert dict(record.units) == {"u [V]": "V", "y [rad/s]": "rad/s"}
+    plain = read_record(path, inputs="u", outputs="y", time="t")
+    assert (plain.inputs, plain.outputs, plain.period) == (("u",), ("y",), record.period)
+    assert dict(plain.units) == {"u": "V", "y": "rad/s"}
+    np.testing.assert_array_equal(plain.y, record.y)
     assert "The times in 't [ms]' are in ms: they were brought to seconds." in record.warnings

@@ -15,7 +15,7 @@ from sysid.diagnosis.decide.evidence import orthonormal, remainder, score_screen
 from sysid.diagnosis.decide.procedure import Search
 from sysid.diagnosis.decide.residual_evidence import interleaved
 from sysid.diagnosis.effects import find_effects
-from sysid.diagnosis.export.saved import load, save, saved_model
+from sysid.diagnosis.export.saved import SavedModel, load, save, saved_model
 from sysid.diagnosis.linear.structure import LinearStructure
 from sysid.diagnosis.structures.structure import Structure
 from sysid.errors import DataError, UsageError
@@ -434,6 +434,41 @@ def test_a_saved_model_simulates_alike_everywhere(tmp_path, effects):
     exec(saved.to_python(), names)
     # The same sums in another order: rounding grows with the steps, not beyond 1e-9.
     assert np.allclose(names["simulate"](u), expected, rtol=1e-8, atol=1e-9)
+
+
+def test_a_saved_model_with_a_direct_path_inside_simulates_alike_everywhere(tmp_path):
+    effects = (
+        ("feedthrough", "inside", {"d": 0.4}),
+        ("cubic_stiffness", "cubic", {"k3": 0.5}),
+        ("quad_drag", "drag", {"c": 0.3}),
+    )
+    saved = SavedModel((-1.4, 0.6), (0.3, -0.1), 0.02, 0.1, effects)
+    u = np.random.default_rng(0).uniform(-1.0, 1.0, 400)
+    expected = saved.simulate(u)
+    names: dict[str, object] = {}
+    exec(saved.to_python(), names)
+    # Both search each root to rounding; the equations amplify that some ten times.
+    assert np.allclose(names["simulate"](u), expected, rtol=1e-11, atol=1e-12)
+
+
+def test_a_direct_path_that_forces_pass_is_found_where_one_beside_leaves_something():
+    """A resonance with a stiffening spring, sampled so that its force acts at once, too."""
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.uniform(-1.0, 1.0, 400), 2)
+    truth = SavedModel(
+        (-1.4, 0.8), (0.2, 0.1), 0.0, 0.1,
+        (("feedthrough", "inside", {"d": 0.3}), ("cubic_stiffness", "cubic", {"k3": 0.4})),
+    )  # fmt: skip
+    y = truth.simulate(u) + 1e-3 * rng.standard_normal(u.size)
+    found = sysid.diagnose(
+        make_record(u, y, period=0.1), "linear", 2, initial_state="rest",
+        effects=["cubic_stiffness", "feedthrough", "in_saturation", "out_quadratic"],
+    )  # fmt: skip
+    assert found.verdict == "missing-effect"
+    assert set(found.accepted) == {"cubic_stiffness", "feedthrough"}
+    for name, value in (("feedthrough", 0.3), ("cubic_stiffness", 0.4)):
+        (parameter,) = found.final.fitted.parameters_of(name)
+        assert abs(parameter.value - value) < 4.0 * parameter.std_error < 0.02 * value
 
 
 def test_a_saved_model_runs_in_python_control():

@@ -71,9 +71,10 @@ def test_an_oscillator_as_a_difference_equation_lacks_a_cubic_stiffness(records)
         effects=["cubic_stiffness", "feedthrough", "in_delay"],
     )
     assert "cubic_stiffness" in found.accepted
-    # Linear 8 and 16 mV; a cubic term and a direct path, fitted to the free run of all rows, 0.41 and 0.62.
-    assert errors(found)["test_multisine"] < 0.45
-    assert errors(found)["test_arrow"] < 0.68
+    # Linear 8 and 16 mV; a cubic term beside a direct path, fitted to the free run, 0.41 and 0.62;
+    # one that passes the direct path as the input does, 0.353 and 0.443.
+    assert errors(found)["test_multisine"] < 0.36
+    assert errors(found)["test_arrow"] < 0.46
 
 
 @pytest.mark.slow

@@ -48,6 +48,46 @@ def test_the_free_run_is_the_difference_equation_with_forces():
         assert np.allclose(run.y[i:j], z + 0.1 * z**2, rtol=1e-12, atol=1e-13)
 
 
+def test_forces_pass_a_direct_path_inside_the_equation_and_see_what_it_adds():
+    """Each sample is the root of an equation, found by bisection here and by secants there."""
+    from scipy.optimize import brentq
+
+    data = make_data(experiments=2)
+    chain = Chain(2, [choice("feedthrough", 1), choice("cubic_stiffness"), choice("quad_drag")], True, True)
+    starts = np.array([0.1, -0.2, 0.3, 0.05])
+    run = chain.run(data, np.concatenate([A, B, [0.02], starts, [0.4, 0.5, 0.3]]))
+    for e, (i, j) in enumerate(zip(data.begin[:-1], data.begin[1:], strict=True)):
+        y, z, v = [], [], []
+        for k in range(j - i):
+            value = 0.02 + (starts[2 * e + k] if k < 2 else 0.0)
+            for lag in (1, 2):
+                if k >= lag:
+                    value += B[lag - 1] * v[k - lag] - A[lag - 1] * z[k - lag]
+
+            def force(position, k=k, y=y):
+                speed = position - y[-1] if k else 0.0
+                return 0.5 * position**3 + 0.3 * speed * abs(speed)
+
+            def apart(position, u=data.u[i + k], value=value, force=force):
+                return value + 0.4 * (u - force(position)) - position
+
+            y_now = brentq(apart, -10.0, 10.0, xtol=1e-15, rtol=1e-14)
+            v.append(data.u[i + k] - force(y_now))
+            z.append(value)
+            y.append(y_now)
+        # The equations amplify the bisection's rounding some ten times.
+        assert np.allclose(run.y[i:j], y, rtol=1e-11, atol=1e-12)
+
+
+def test_without_forces_a_direct_path_inside_is_one_beside():
+    data = make_data(experiments=2)
+    runs = [
+        Chain(2, [choice("feedthrough", form)], False, False).run(data, np.concatenate([A, B, [0.4]]))
+        for form in (0, 1)
+    ]
+    assert np.array_equal(runs[0].y, runs[1].y)
+
+
 @pytest.mark.parametrize(
     ("names", "values"),
     [
@@ -59,11 +99,17 @@ def test_the_free_run_is_the_difference_equation_with_forces():
         (["time_variation", "out_drift"], [0.01, 0.02]),
         (["extra_mode", "out_lowpass"], [2.0, 0.1, 0.2, 0.1, 0.7]),
         (["feedthrough", "gravity_sine", "out_offset"], [0.2, 0.1, 0.5, 0.3]),
+        (["feedthrough inside", "cubic_stiffness", "out_quadratic"], [0.4, 0.5, 0.1]),
+        (["in_saturation", "quad_drag", "feedthrough inside", "op_gain"], [0.61, 0.4, 0.3, 0.3, 0.8]),
+        (["feedthrough inside", "extra_mode", "out_offset"], [0.4, 2.0, 0.1, 0.2, 0.1, 0.3]),
     ],
 )
 def test_the_jacobian_is_the_slope_of_the_run(names, values):
     data = make_data(experiments=2)
-    chain = Chain(2, [choice(name) for name in names], True, True)
+    forms = {"inside": 1}
+    chain = Chain(
+        2, [choice(*(forms.get(word, word) for word in name.split())) for name in names], True, True
+    )
     point = np.concatenate([A, B, [0.02], [0.1, -0.2, 0.3, 0.05], values])
     J = chain.jacobian(data, point, chain.run(data, point))
     for i in range(point.size):

@@ -12,8 +12,8 @@ from sysid.data import make_record, read_record
 from sysid.errors import IdentifiabilityError, UsageError
 from sysid.lft import LinearBlock, WienerHammerstein, choose_wiener_hammerstein, fit_wiener_hammerstein
 from sysid.lft.between_samples import interpolation_taps
-from sysid.lft.wiener_hammerstein_columns import Columns
-from sysid.lft.wiener_hammerstein_reduction import SMOOTHING, Point, Problem, searched_columns
+from sysid.lft.wiener_hammerstein.columns import Columns
+from sysid.lft.wiener_hammerstein.reduction import SMOOTHING, Point, Problem, searched_columns
 from sysid.linear.reduction import Segment
 from sysid.nonlinearities.spline import Spline, spline_basis
 

@@ -57,7 +57,7 @@ def _cases(arguments: argparse.Namespace) -> list[argparse.Namespace]:
             case = argparse.Namespace(**vars(arguments))
             case.output, case.model = [output], model
             if number > 0:  # what is known of the first model is not of the others
-                case.order, case.param, case.fix = None, None, None
+                case.order, case.param, case.fix, case.constant = None, None, None, "auto"
             case.html = _named(page, names)
             case.pdf, case.json = (path and _named(path, names) for path in (arguments.pdf, arguments.json))
             cases.append(case)
@@ -98,6 +98,7 @@ def _run_one(arguments: argparse.Namespace) -> "Comparison":
                 start=start_values(arguments.param),
                 fixed=assigned_values("--fix", arguments.fix),
                 initial_state=arguments.initial_state,
+                constant={"auto": None, "yes": True, "no": False}[arguments.constant],
                 progress=percent_of(bar),
             )
         with bars.task("page", total=None):

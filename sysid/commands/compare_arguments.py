@@ -13,6 +13,13 @@ def add(parser: argparse.ArgumentParser) -> None:
     add_record_options(parser)
     add_model_options(parser)
     parser.add_argument(
+        "--constant",
+        choices=("auto", "yes", "no"),
+        default="auto",
+        help="whether the linear model has a constant, or the sensor of a physical one a zero of its own "
+        "(default: chosen on validation rows; none if experiments start at rest)",
+    )
+    parser.add_argument(
         "--also",
         metavar="MODEL",
         action="append",

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 
+from sysid.data.units import named_units
 from sysid.errors import DataError, UsageError
 
 TIME_COLUMN = "t"
@@ -41,6 +42,28 @@ class Wanted:
     def with_sets(self, split: str, experiment: str) -> "Wanted":
         """Return the same with columns of split and experiment where none is asked for."""
         return replace(self, split=self.split or split, experiment=self.experiment or experiment)
+
+    def spelt(self, columns: Sequence[str]) -> "Wanted":
+        """Return the same with names as a table has them, units included: ``u`` may stand as ``u [V]``.
+
+        Examples
+        --------
+        >>> Wanted(("u",), ("y",)).spelt(["u [V]", "y", "y [m]"])
+        Wanted(inputs=('u [V]',), outputs=('y',), time=None, split=None, experiment=None)
+        """
+        plain: dict[str, list[str]] = {}
+        for name, unit in named_units(columns).items():
+            plain.setdefault(name.removesuffix("]").removesuffix(unit).rstrip(" ["), []).append(name)
+
+        def found(name: str) -> str:
+            same = plain.get(name, [])
+            return same[0] if name not in columns and len(same) == 1 else name
+
+        return Wanted(
+            tuple(map(found, self.inputs)),
+            tuple(map(found, self.outputs)),
+            *(name and found(name) for name in (self.time, self.split, self.experiment)),
+        )
 
     def found_in(self, path: Path, columns: Sequence[str]) -> tuple[tuple[str, ...], str | None]:
         """Return the names to be read, and the time column among them.

@@ -117,16 +117,23 @@ def _read(
     registered = registered_path(path)
     if registered is not None:
         path, wanted = registered, wanted.with_sets(SPLIT_COLUMN, EXPERIMENT_COLUMN)
-    table, clock, period = _table(path, wanted, period, separator, decimal)
+    asked = wanted
+    table, clock, period, wanted = _table(path, asked, period, separator, decimal)
     notes = read_notes(path)
     remarks = list(notes.warnings)
     labels = None if wanted.split is None else _text(table, wanted.split)
     times = _times(table, clock, path, wanted.time is not None, remarks)
     known = None if wanted.experiment is None else _text(table, wanted.experiment)
     groups = _experiments(known, times, strict=wanted.time is not None)
-    units = named_units(wanted.names) | dict(notes.units)
-    if wanted.time is not None and times is not None:
-        times = in_seconds(times, wanted.time, units.pop(wanted.time, ""), remarks)
+    told = named_units(wanted.names)
+    units = {
+        name: told[as_in_file]
+        for name, as_in_file in zip(asked.names, wanted.names, strict=True)
+        if as_in_file in told
+    }
+    units |= dict(notes.units)
+    if asked.time is not None and wanted.time is not None and times is not None:
+        times = in_seconds(times, wanted.time, units.pop(asked.time, ""), remarks)
         if resample is None:
             period = period_from_times(times, groups, wanted.time, period)
     u, y = (
@@ -145,8 +152,8 @@ def _read(
         y,
         known_period(period, notes),
         name=path.name.removesuffix(".gz").rsplit(".", 1)[0],
-        inputs=wanted.inputs,
-        outputs=wanted.outputs,
+        inputs=asked.inputs,
+        outputs=asked.outputs,
         units=units,
         split=labels,
         experiment=groups,
@@ -158,16 +165,19 @@ def _read(
 
 def _table(
     path: Path, wanted: Wanted, period: float | None, separator: str | None, decimal: str | None
-) -> "tuple[pd.DataFrame, str | None, float | None]":
-    """Return the wanted columns, the name of the time column, and the period, which the file may tell."""
+) -> "tuple[pd.DataFrame, str | None, float | None, Wanted]":
+    """Return the wanted columns, the time column, the period the file may tell, and the names it has."""
     stored = stored_table(path)
     if stored is None:
         dialect = detect(path, separator, decimal)
+        wanted = wanted.spelt(dialect.columns)
         names, clock = wanted.found_in(path, dialect.columns)
-        return read_table(path, dialect, names, wanted.texts), clock, period
-    names, clock = wanted.found_in(path, stored.columns(wanted.names))
+        return read_table(path, dialect, names, wanted.texts), clock, period, wanted
+    columns = stored.columns(wanted.names)
+    wanted = wanted.spelt(columns)
+    names, clock = wanted.found_in(path, columns)
     table = stored.read(names, wanted.texts)
-    return table, clock, stored.period() if period is None and wanted.time is None else period
+    return table, clock, stored.period() if period is None and wanted.time is None else period, wanted
 
 
 def _times(

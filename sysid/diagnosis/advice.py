@@ -9,6 +9,11 @@ from sysid.diagnosis.experiment import Responding, separating_experiment
 from sysid.diagnosis.structures.structure import Structure
 from sysid.diagnosis.wording import percent
 
+# An experiment tells two candidates apart if their outputs differ by so many deviations of the noise.
+LEAST_SEPARATION = 4.0
+# Of a wide tie so many are named.
+MOST_NAMED = 4
+
 
 def advise(structure: Structure, decision: Decision, accepted: Sequence[str]) -> str:
     """Return advice that fits the verdict."""
@@ -23,13 +28,18 @@ def advise(structure: Structure, decision: Decision, accepted: Sequence[str]) ->
         tried = " and ".join(decision.rejected)
         closest = f"with {tried} {left} is left" if tried else f"{left} is left"
         return (
-            f"The model lacks something that no candidate explains ({closest}): look at the free-form curves "
-            "at its ports, write the effect in TOML and give it with --effects-file."
+            f"The model lacks something that no candidate explains ({closest}). Where a free-form curve at a "
+            "port removes much of the error, write it as an effect in TOML and give it with --effects-file; "
+            "where none does, look for a memory (play, hysteresis, a further state) or for an input that was "
+            "not measured."
         )
     if decision.verdict == "nothing-missing":
-        return "Nothing is missing: what is left of the error is noise."
+        return "Nothing is missing: what is left of the error is noise." + _loop(decision)
     if decision.verdict == "coloured-noise":
-        return "The disturbance has a memory but follows neither input nor output: model it as noise."
+        return (
+            "The disturbance has a memory but follows neither input nor output: model it as noise."
+            + _loop(decision)
+        )
     physical = [name for name in accepted if name != NOISE_EFFECT]
     sentence = f"Add {' and '.join(physical)}." if physical else "The effect that was found was not added."
     if physical and decision.left_p_value < LEFT_P_VALUE and decision.left_share > LEFT_SHARE:
@@ -38,10 +48,18 @@ def advise(structure: Structure, decision: Decision, accepted: Sequence[str]) ->
             "well enough to be named."
         )
     if len(decision.tie) > 1:
-        sentence += (
-            f" The record cannot tell {' from '.join(decision.tie)}.{_experiment(structure, decision)}"
-        )
-    return sentence
+        sentence += f" {_tie(decision.tie)}{_experiment(structure, decision)}"
+    return sentence + _loop(decision)
+
+
+def _loop(decision: Decision) -> str:
+    """Say what the input's part in the noise means."""
+    if not decision.fed_back:
+        return ""
+    return (
+        " The input goes with the noise of the same sample, as under a controller: it biases the parameters "
+        "of a free-run fit. Excite the reference more, or measure with the loop open."
+    )
 
 
 def _experiment(structure: Structure, decision: Decision) -> str:
@@ -54,7 +72,20 @@ def _experiment(structure: Structure, decision: Decision) -> str:
     found = separating_experiment(structure, first, second, record.u[:, 0], decision.floor)
     if found is None:
         return " Repeat the measurement with larger and with faster inputs."
+    told = f"{decision.tie[0]} from {decision.tie[1]}"
+    design = f"{found.n_samples} samples of {found.design}"
+    if found.separation < LEAST_SEPARATION:
+        return (
+            f" No input within the range of this one would tell {told} ({design}: {found.separation:.2g} "
+            "standard deviations of the noise): here they do the same; only a wider range of the input tells."
+        )
     return (
-        f" {found.n_samples} samples of {found.design} would separate {decision.tie[0]} from "
-        f"{decision.tie[1]} best: by {found.separation:.3g} standard deviations of the noise."
+        f" {design} would separate {told} best: by {found.separation:.3g} standard deviations of the noise."
     )
+
+
+def _tie(tie: Sequence[str]) -> str:
+    """Name those of a tie that explain most."""
+    named, more = tie[1:MOST_NAMED], len(tie) - MOST_NAMED
+    others = f", nor from {more} more that explain less" if more > 0 else ""
+    return f"The record cannot tell {tie[0]} from {' or '.join(named)}{others}."

@@ -45,7 +45,8 @@ def compare(
     order, delay : int, optional
         Of the linear model; chosen from the data if not given.
     constant : bool, optional
-        Whether the linear model has one; chosen from the data if not given.
+        Whether the linear model has one, or the sensor of a physical one a zero of its own; chosen from the
+        data if not given, and at rest (``initial_state``) then none.
     start, fixed : mapping of str to float, optional
         Parameters of a physical model known within some 20 %, and those known for good.
     initial_state : {"estimate", "rest"}

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -51,6 +51,8 @@ class Diagnosis:
     seconds : float
     searched : Structure, optional
         The structure on the rows of the search, where those of a long record are not all.
+    curves : tuple of PortCurve, optional
+        Of the ports, where the decision needed them.
     """
 
     record: Record
@@ -62,6 +64,7 @@ class Diagnosis:
     advice: str
     seconds: float
     searched: Structure | None = None
+    curves: "tuple[PortCurve, ...] | None" = None
 
     @property
     def verdict(self) -> str:
@@ -96,6 +99,8 @@ class Diagnosis:
         """Free-form curves of what no candidate explains; none if there is no such thing."""
         from sysid.diagnosis.shortfall import curves_at_ports
 
+        if self.curves is not None:
+            return self.curves
         # The rows of the search say all that a curve shows, in a fraction of the time of all rows.
         structure = self.structure if self.searched is None else self.searched
         return curves_at_ports(structure) if self.verdict == "unexplained" else ()
@@ -271,7 +276,7 @@ def diagnose(
             structure, candidates, alpha=alpha, max_effects=max_effects, seed=seed, given=find_effects(add),
             jobs=jobs, bars=bars, smooth=count > 1,
         )  # fmt: skip
-        decision = search.decide()
+        decision, curves = _against_curves(structure, search.decide())
         kept = _kept(decision, accept)
         estimates = [decision.baseline, *rungs_of(structure, decision, kept)]
         whole: Structure = structure
@@ -287,7 +292,24 @@ def diagnose(
     accepted = (*kept, *([NOISE_EFFECT] if noise else []))
     advice = advise(structure, decision, accepted)
     seconds, searched = time.perf_counter() - begun, structure if long else None
-    return Diagnosis(record, whole, decision, accepted, ladder, decision.floor, advice, seconds, searched)
+    return Diagnosis(
+        record, whole, decision, accepted, ladder, decision.floor, advice, seconds, searched, curves
+    )
+
+
+def _against_curves(
+    structure: Structure, decision: Decision
+) -> "tuple[Decision, tuple[PortCurve, ...] | None]":
+    """Return a decision without the names beside something unexplained that one free-form curve outdoes."""
+    if decision.verdict != "unexplained" or len(decision.fits) == len(decision.given):
+        return decision, None
+    from sysid.diagnosis.shortfall import curves_at_ports, outdone
+
+    curves = curves_at_ports(structure)
+    if not outdone(structure.record, decision, curves):
+        return decision, curves
+    kept = len(decision.given)
+    return replace(decision, fits=decision.fits[:kept], accepted=decision.given), curves
 
 
 def _on_all_rows(whole: Structure, fit: StructureFit, chosen: Mask) -> StructureFit:

@@ -1,9 +1,13 @@
 """Where a diagnosed model falls short, and free-form curves of what no candidate explains."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from sysid.diagnosis.comparison.series import judged_series
 from sysid.diagnosis.comparison.where import Finding, locate
+from sysid.diagnosis.decide.decision import Decision
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.structures.structure import Structure
 from sysid.errors import SysidError
@@ -29,6 +33,26 @@ def where_it_fails(record: "Record", free_run: Floats, judged: str) -> tuple[Fin
     """
     rows = record.validation if judged == "validation" else record.scored_rows(judged)
     return locate(judged_series(record, judged, rows, free_run, delay=1)).findings
+
+
+def outdone(record: "Record", decision: Decision, curves: "Sequence[PortCurve]") -> bool:
+    """Tell whether a single free-form curve at a port explains more of a record than the named effects.
+
+    Then these only resemble it together, each in its part of the range: look-alikes.
+
+    Parameters
+    ----------
+    record : Record
+    decision : Decision
+    curves : sequence of PortCurve
+        Of the model without effects.
+    """
+    rows, y = record.validation, record.y[:, 0]
+    before, after = (
+        float(np.sum((y - fit.output)[rows] ** 2)) for fit in (decision.baseline, decision.final)
+    )
+    best = max((curve.explains_at_most for curve in curves), default=0.0)
+    return bool(before > 0.0 and best > 1.0 - after / before)
 
 
 def curves_at_ports(structure: Structure) -> "tuple[PortCurve, ...]":

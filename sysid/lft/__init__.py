@@ -25,10 +25,10 @@ from sysid.lft.printed import PrintedSearch, printed_search
 from sysid.lft.smoothing import Inversion, inversion, smooth
 from sysid.lft.structure import Lag, LftStructure, lags
 from sysid.lft.theorems import ProblemComparison, basis_conditions, compare_problems
-from sysid.lft.wiener_hammerstein import fit_wiener_hammerstein
-from sysid.lft.wiener_hammerstein_choice import WienerHammersteinChoice, choose_wiener_hammerstein
-from sysid.lft.wiener_hammerstein_fit import WienerHammersteinFit
-from sysid.lft.wiener_hammerstein_model import WienerHammerstein
+from sysid.lft.wiener_hammerstein.choice import WienerHammersteinChoice, choose_wiener_hammerstein
+from sysid.lft.wiener_hammerstein.estimate import fit_wiener_hammerstein
+from sysid.lft.wiener_hammerstein.model import WienerHammerstein
+from sysid.lft.wiener_hammerstein.result import WienerHammersteinFit
 
 __all__ = [
     "AlternatingFit",

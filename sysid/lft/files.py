@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import DataError, SysidError, UsageError
-from sysid.lft import piecewise_files, wiener_hammerstein_files
+from sysid.lft import piecewise_files
 from sysid.lft.model import LftModel
 from sysid.lft.piecewise import PiecewiseLft
 from sysid.lft.structure import LftStructure
-from sysid.lft.wiener_hammerstein_model import WienerHammerstein
+from sysid.lft.wiener_hammerstein import files as wiener_hammerstein_files
+from sysid.lft.wiener_hammerstein.model import WienerHammerstein
 from sysid.nonlinearities.spline import Spline
 
 KIND, SCHEMA = "sysid-lft-model", 1

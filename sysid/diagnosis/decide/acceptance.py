@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from sysid.diagnosis.decide.alignment import chance_at_other_times
 from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.evidence import block_separation, chance_of
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
@@ -16,6 +17,8 @@ TIED = 2.0
 LEAST_SHARE = 0.01
 # Where everything is significant it must also lower the free-run error on held-out rows by this share.
 LEAST_FALL = 0.1
+# An effect may explain as much at one of a hundred other times.
+MOST_AT_OTHER_TIMES = 0.02
 
 
 def is_accepted(
@@ -41,6 +44,7 @@ def is_accepted(
         and evidence.own_criterion(trial.fit) < evidence.own_criterion(current)
         and chance_under_own_noise(evidence, trial, current) < evidence.alpha
         and _holds(evidence, trial, current)
+        and chance_off_the_motion(evidence, trial, current) <= MOST_AT_OTHER_TIMES
     )
     if not agreed or not further:
         return agreed
@@ -83,6 +87,22 @@ def chance_under_own_noise(evidence: Evidence, trial: Trial, current: StructureF
     left = min(evidence.cost(fit, trial.noise) for fit in (trial.fit, after) if fit.usable)
     ratio = (evidence.cost(before, trial.noise) - left) / max(left, 1e-300) * int(evidence.rows.sum())
     return chance_of(ratio, trial.fit.n_parameters - current.n_parameters, trial.looks)
+
+
+def chance_off_the_motion(evidence: Evidence, trial: Trial, current: StructureFit) -> float:
+    """Return the chance that an effect explains as much of what does not follow the record's motion."""
+    assert trial.fit is not None
+    structure, rows, noise = evidence.structure, evidence.rows, trial.noise
+    before, after = (evidence.refitted(fit, noise) for fit in (current, trial.fit))
+    if not before.usable or not after.usable:
+        before, after = current, trial.fit
+    parts = (
+        evidence.residual(before),
+        structure.tangent(before),
+        after.output - before.output,
+        structure.tangent(after),
+    )
+    return chance_at_other_times(*(filtered(part, rows, noise.polynomial) for part in parts))
 
 
 def _holds(evidence: Evidence, trial: Trial, current: StructureFit) -> bool:

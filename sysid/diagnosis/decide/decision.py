@@ -70,6 +70,8 @@ class Decision:
         What came closest where nothing explains.
     given : tuple of str
         Effects that were asked for whatever the evidence.
+    fed_back : bool
+        Whether what goes with the input of the same row was put down to a controller, not to the plant.
     """
 
     verdict: str
@@ -84,6 +86,7 @@ class Decision:
     floor: float
     rejected: tuple[str, ...] = ()
     given: tuple[str, ...] = ()
+    fed_back: bool = False
 
     @property
     def final(self) -> StructureFit:

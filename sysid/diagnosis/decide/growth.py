@@ -7,7 +7,7 @@ from typing import NamedTuple
 from sysid.diagnosis.decide.acceptance import is_accepted, is_significant, tied
 from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
-from sysid.diagnosis.decide.revision import exchanged, pruned
+from sysid.diagnosis.decide.revision import exchanged, pruned, still_tied
 from sysid.diagnosis.decide.rungs import rungs_to
 from sysid.diagnosis.decide.trials import POLISHED, Trials
 from sysid.diagnosis.effects.base import Effect
@@ -96,6 +96,8 @@ class Growth:
             if evidence.own_criterion(grown) >= evidence.own_criterion(current):
                 break  # what was accepted has been exchanged or left out again
             fits = rungs_to(evidence.structure, evidence.rows, grown, baseline, n_given)
+        if tie and fits:
+            tie = still_tied(self.trials, fits[-1], tie)
         return Grown(fits, trials, tie)
 
     def _first_accepted(

@@ -171,7 +171,15 @@ class Attempt:
         for trial in self._replacing(decision):
             decision = min(decision, self._from_replaced(decision, given, grown, trial), key=_burden)
         if decision.verdict == "unexplained" and self.growth.max_effects > 1:
-            return self._otherwise(decision, grown.trials)
+            decision = self._otherwise(decision, grown.trials)
+        return self._in_a_loop(decision, given) if decision.verdict == "unexplained" else decision
+
+    def _in_a_loop(self, decision: Decision, given: list[StructureFit]) -> Decision:
+        """Judge what nothing explains once more: a controller may have put it into the input."""
+        for fits in (given, list(decision.fits)):
+            final = fits[-1] if fits else decision.baseline
+            if self.evidence.only_at_once(final):
+                return self.judge.verdict(decision.baseline, fits, decision.trials, (), fed_back=True)
         return decision
 
     def _judged(self, baseline: StructureFit, grown: Grown) -> Decision:

@@ -39,9 +39,14 @@ def refined(evidence: Evidence, fits: Sequence[StructureFit], n_given: int) -> S
 
 
 def _finer(choices: Sequence[Choice]) -> list[tuple[Choice, ...]]:
-    """Return the effects with one or more of them in a finer form."""
+    """Return the effects with one or more of them in a finer form, where that makes a difference."""
     options = [
         (choice, *(Choice(choice.effect, form) for form in choice.effect.refinements if form != choice.form))
         for choice in choices
     ]
-    return [tuple(chosen) for chosen in product(*options) if tuple(chosen) != tuple(choices)]
+    inner = any(choice.effect.port in ("force", "gain") for choice in choices)
+    return [
+        chosen
+        for chosen in product(*options)
+        if chosen != tuple(choices) and (inner or not any(choice.form.inside for choice in chosen))
+    ]

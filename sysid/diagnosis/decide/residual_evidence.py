@@ -1,6 +1,7 @@
 """What the residuals of one record say: errors, criteria, the colour of the noise, what is left."""
 
 from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -21,6 +22,16 @@ EXCESS = 2.0
 # Then learning rows are cut into so many blocks, of which every third is held out: short ones, for what
 # happens within a block that is held out, such as a step of the gain, cannot be placed in it.
 INTERLEAVED = 30
+# How often a fit and the colour of its own residual are brought to agree.
+ROUNDS = 3
+
+
+@runtime_checkable
+class Causal(Protocol):
+    """A structure whose output does not depend on the input of the same row."""
+
+    def earlier_probes(self, fit: StructureFit) -> Floats:
+        """Return directions that hold the input of earlier rows only, as an effect of the plant does."""
 
 
 def interleaved(learning: Mask) -> tuple[Mask, Mask]:
@@ -84,6 +95,34 @@ class Evidence:
         whole = filtered(residual, rows, colour)
         noise_share = max(1.0 - found.explained / max(float(whole @ whole), 1e-300), 0.0)
         return p_value, share, float(np.sqrt(np.mean(residual[rows] ** 2) * noise_share))
+
+    def only_at_once(self, fit: StructureFit) -> bool:
+        """Tell whether all that is left goes with the input of the same row alone.
+
+        The plant answers later, but a controller at once: it hands the noise on to the input.  Then
+        the input is no cause of the noise that it goes with, and only what follows earlier rows tells of the
+        plant, by a fit under the colour of the noise, which a loop leaves unbiased.
+
+        References
+        ----------
+        Ljung (1999), System Identification, sections 13.4 and 16.6.
+        """
+        structure, rows = self.structure, self.structure.record.learning
+        if not isinstance(structure, Causal):
+            return False
+        for _ in range(ROUNDS):
+            settled = self.refitted(fit, self.noise(fit))
+            if settled is fit or not settled.usable:
+                break
+            fit = settled
+        noise, residual = self.noise(fit).polynomial, self.residual(fit)
+        tangent = structure.tangent(fit)
+
+        def chance(probes: Floats) -> float:
+            parts = (filtered(part, rows, noise) for part in (residual, tangent, probes))
+            return remainder(*parts).p_value
+
+        return chance(structure.earlier_probes(fit)) > LEFT_P_VALUE > chance(structure.probes(fit))
 
     def _share_left(
         self, baseline: StructureFit, final: StructureFit, rows: Mask, colour: Floats, left: float

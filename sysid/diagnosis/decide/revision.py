@@ -2,9 +2,11 @@
 
 import numpy as np
 
+from sysid.diagnosis.decide.acceptance import TIED
+from sysid.diagnosis.decide.evidence import block_separation
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.decide.trials import Trials
-from sysid.diagnosis.structures.structure import StructureFit
+from sysid.diagnosis.structures.structure import StructureFit, filtered
 
 # How many are tried in the place of one that was accepted before.
 EXCHANGED = 6
@@ -29,6 +31,42 @@ def exchanged(trials: Trials, fit: StructureFit, n_given: int) -> StructureFit:
         if found and found[0].fit is not None and found[0].criterion < limit:
             fit = found[0].fit
     return fit
+
+
+def still_tied(trials: Trials, fit: StructureFit, tie: tuple[str, ...]) -> tuple[str, ...]:
+    """Return who of a tie still stands beside the effects that were found after it.
+
+    Alone, candidates look alike that differ where another effect has left its own error.
+
+    Parameters
+    ----------
+    trials : Trials
+    fit : StructureFit
+        With all effects.
+    tie : tuple of str
+        The accepted effect and those that could not be told from it while it was alone.
+    """
+    if len(fit.choices) < 2:
+        return tie
+    evidence, first = trials.evidence, tie[0]
+    others = tuple(choice for choice in fit.choices if choice.name != first)
+    if first not in fit.names:
+        return ()
+    noise, rows = evidence.colour(fit), evidence.structure.record.learning
+    without = evidence.structure.fit(others, evidence.rows, noise.polynomial, fit, effort=0)
+    own = filtered(evidence.residual(fit), rows, noise.polynomial)
+    stand = []
+    for effect in trials.candidates:
+        if effect.name not in tie[1:] or effect.name in fit.names or not without.usable:
+            continue
+        trial = trials.best_form(without, effect, effect.found_by, noise, 1)
+        if trial.fit is None:
+            continue
+        left = filtered(evidence.residual(trial.fit), rows, noise.polynomial)
+        if block_separation(own, left) < TIED:
+            stand.append(trial)
+    names = [trial.name for trial in sorted(stand, key=lambda trial: trial.criterion)]
+    return (first, *names) if names else ()
 
 
 def pruned(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
 from sysid.diagnosis.decide.modes import MODE, rings
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, Evidence
@@ -43,6 +45,7 @@ class Judge:
         fits: Sequence[StructureFit],
         trials: tuple[Trial, ...],
         tie: tuple[str, ...],
+        fed_back: bool = False,
     ) -> Decision:
         """Judge the last of the fits, which has all effects, by what it leaves.
 
@@ -55,6 +58,8 @@ class Judge:
             All single candidates.
         tie : tuple of str
             Candidates that cannot be told from the first.
+        fed_back : bool
+            Whether what is left is known to be noise that a controller handed on to the input.
         """
         evidence = self.evidence
         fits = self._polished(fits)
@@ -76,7 +81,9 @@ class Judge:
             share = MOST_LEFT
         left_p, left_share, floor = evidence.left(baseline, final, rows)
         stands_in = composed and not evidence.smooth and MODE in final.names and not rings(final)
-        if stands_in or (left_p < chance and left_share > share):
+        if fed_back:
+            left_p, left_share, floor = 1.0, 0.0, float(np.sqrt(np.mean(evidence.residual(final)[rows] ** 2)))
+        if not fed_back and (stands_in or (left_p < chance and left_share > share)):
             useful = explains_most(left_share)
             rungs = tuple(fits if useful else fits[: len(self.given)])
             return Decision(
@@ -88,7 +95,7 @@ class Judge:
         verdict = "missing-effect" if fits else ("coloured-noise" if accepted else "nothing-missing")
         return Decision(
             verdict, baseline, tuple(fits), tuple(accepted), trials, tie, noise, left_p, left_share, floor,
-            (), self.given,
+            (), self.given, fed_back,
         )  # fmt: skip
 
     def _polished(self, fits: Sequence[StructureFit]) -> Sequence[StructureFit]:

@@ -1,7 +1,8 @@
 """What an effect is: a mechanism, where it enters, its forms and their parameters."""
 
+import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +79,10 @@ class Grid:
         return points * factors[self.scale]
 
 
+# A divisor or a factor without a unit.
+_ONE = re.compile(r"/1(\^\d+)?(?![\w.])|(?<![\w.^/])1(\^\d+)? ")
+
+
 @dataclass(frozen=True)
 class EffectParameter:
     """A parameter of an effect.
@@ -114,11 +119,14 @@ class EffectParameter:
         --------
         >>> EffectParameter("c", "[F]/[v]^2", "drag").unit_with({"F": "N", "v": "m/s"})
         'N/(m/s)^2'
+        >>> EffectParameter("c", "[y]/[u]^2", "curvature").unit_with({"y": "m", "u": ""})
+        'm'
         """
         text = self.unit
         for symbol, unit in units.items():
             wrapped = f"({unit})" if any(sign in unit for sign in " /*^") and text != f"[{symbol}]" else unit
             text = text.replace(f"[{symbol}]", wrapped or "1")
+        text = _ONE.sub("", text)
         return "" if text == "1" else text
 
 
@@ -153,6 +161,10 @@ class Form:
     refines : bool
         Whether it is a finer law of an effect that was found in another form, not looked for by itself:
         it reaches from there to the model without the effect, so that it would fit too many things.
+    inside : bool
+        Port ``"parallel"``: whether forces pass it, too, and see what it adds; its only parameter is a gain.
+    families : tuple of str
+        Kinds of models it makes sense for, of those of the effect.
     """
 
     name: str
@@ -164,6 +176,8 @@ class Form:
     smooth: bool = True
     lowest: float = -np.inf
     refines: bool = False
+    inside: bool = False
+    families: tuple[str, ...] = FAMILIES
 
     @property
     def shapes(self) -> tuple[int, ...]:
@@ -221,6 +235,11 @@ class Effect:
         """Finer laws, tried where it was found and something is left."""
         return tuple(form for form in self.forms if form.refines)
 
+    def within(self, family: str) -> "Effect":
+        """Return the effect with the forms that make sense for a kind of models."""
+        forms = tuple(form for form in self.forms if family in form.families)
+        return self if len(forms) == len(self.forms) else replace(self, forms=forms)
+
     def form(self, name: str) -> Form:
         """Return a form by its name."""
         for form in self.forms:
@@ -239,6 +258,7 @@ class Effect:
             raise ModelError(f"effect {self.name!r} has no form: give at least one")
         for form in self.forms:
             _known(self.name, "slope", [form.slope], SLOPES)
+            _known(self.name, "family", form.families, FAMILIES)
             _known(self.name, "scale", [p.grid.scale for p in form.parameters if p.grid], SCALES)
             if self.port in ("input", "output", "parallel") and form.apply is None:
                 raise ModelError(f"effect {self.name!r}, form {form.name!r}: give apply(sequence, p, period)")

@@ -28,6 +28,8 @@ def _step(u: Floats, p: Floats, period: float) -> Floats:
     return np.asarray(u * (1.0 + p[0] * passed))
 
 
+DIRECT_GAIN = EffectParameter("d", "[y]/[u]", "direct gain")
+
 EFFECTS = (
     Effect(
         "extra_mode",
@@ -60,11 +62,14 @@ EFFECTS = (
         "feedthrough",
         "parallel",
         "Part of the input reaches the output at once: cross-talk, a resistance, a rigid path.",
-        "y = w + d u",
+        "y = w + d u; inside: y = w + d (u - forces), and the forces follow y",
         "the residual correlates with the input at lag zero",
         "in_delay correlates at later lags",
         "Ljung (1999), System Identification",
-        (Form("direct", (EffectParameter("d", "[y]/[u]", "direct gain"),), _feedthrough),),
+        (
+            Form("direct", (DIRECT_GAIN,), _feedthrough),
+            Form("inside", (DIRECT_GAIN,), _feedthrough, refines=True, inside=True, families=("linear",)),
+        ),
     ),
     Effect(
         "time_variation",

@@ -93,8 +93,13 @@ def source(model: "SavedModel") -> str:
     from sysid.diagnosis.effects.catalogue import find_effects
 
     ports: dict[str, list[str]] = {"input": [], "parallel": [], "output": [], "drive": []}
+    forced = any(effect.port in ("force", "gain") for effect in find_effects([e[0] for e in model.effects]))
+    direct = None
     for name, form, values in model.effects:
         (effect,) = find_effects([name])
+        if forced and effect.form(form).inside:
+            (direct,) = values.values()
+            continue
         numbers = [values[p.name] for p in effect.form(form).parameters]
         if effect.port in ("force", "gain"):
             sign = "-=" if effect.port == "force" else "*="
@@ -116,13 +121,34 @@ def source(model: "SavedModel") -> str:
         + "    for k in range(u.size):\n        z[k] = CONSTANT\n"
         + "        for i in range(1, min(len(A), k) + 1):\n"
         + "            z[k] += B[i - 1] * v[k - i] - A[i - 1] * z[k - i]\n"
-        + "        position, speed, acting = z[k], (z[k] - z[k - 1] if k else 0.0), x[k]\n"
-        + "".join(ports["drive"])
-        + "        v[k] = acting\n    y = z\n"
+        + _acting("".join(ports["drive"]), direct)
         + "".join(part.replace("    p =", "    s = u\n    p =", 1) for part in adds)
         + "    s = y\n"
         + "".join(ports["output"])
         + "    return s\n"
+    )
+
+
+def _acting(drive: str, direct: float | None) -> str:
+    """Return what fills ``v[k]`` from ``z[k]``, and the output before its maps after the last row."""
+    if direct is None:
+        return (
+            "        position, speed, acting = z[k], (z[k] - z[k - 1] if k else 0.0), x[k]\n"
+            f"{drive}        v[k] = acting\n    y = z\n"
+        )
+    inner = drive.replace("        acting", "            acting")
+    return (
+        "        # The output holds D v(k), and v(k) follows it: a root by the secant method.\n"
+        f"        position, step, error = z[k] + {direct!r} * x[k], None, None\n"
+        "        for _ in range(50):\n"
+        f"            speed, acting = (position - z[k - 1] - {direct!r} * v[k - 1] if k else 0.0), x[k]\n"
+        f"{inner}"
+        f"            before, error = error, z[k] + {direct!r} * acting - position\n"
+        f"            if error == before or abs(error) <= 1e-14 * (abs(z[k]) + abs({direct!r} * x[k])):\n"
+        "                break\n"
+        "            step = error if before is None else step * error / (before - error)\n"
+        "            position += step\n"
+        f"        v[k] = acting\n    y = z + {direct!r} * v\n"
     )
 
 

@@ -29,6 +29,8 @@ LEAST_FELT = 1e-6
 LEAST_SHAPE = 1e-6
 # Ports of effects that act within the equation; the compiled run takes so many.
 DRIVING, MOST_DRIVES = ("force", "gain"), 2
+# Derivatives of the driven input by input, position and speed.
+Slopes = tuple[Floats | float, Floats, Floats]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +78,10 @@ class Data:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One free run: the input x after its maps, v after forces, z, and the output after each map."""
+    """One free run: the input x after its maps, v after forces, z, and the output after each map.
+
+    Forces see z: with a direct path inside the equation it holds what that adds.
+    """
 
     x: Floats
     v: Floats
@@ -114,6 +119,10 @@ class Chain:
         compiled = [drive_of(choices[i].effect, choices[i].form) for i in drives]
         laws = [*compiled, *[no_drive()] * (MOST_DRIVES - len(drives))] if drives else []
         self.laws = [pointer_of(law) for law in laws]
+        # A direct path that forces pass, too: where there are some.
+        inside = [i for i in self.at["parallel"] if drives and self.choices[i].form.inside]
+        self.inside = inside[0] if inside else None
+        self.at["parallel"] = [i for i in self.at["parallel"] if i not in inside]
 
     def n_linear(self, data: Data) -> int:
         """Return the number of parameters of the difference equation, starts included."""
@@ -182,12 +191,26 @@ class Chain:
             v[:] = x
             return bool(simulate(x, point[:n], point[n : 2 * n], constant, starts, data.begin, z))
         p, q = self._law_parameters(data, point)
+        if self.inside is not None:
+            from sysid.diagnosis.linear.direct_path import simulate_through
+
+            return bool(
+                simulate_through(
+                    x, point[:n], point[n : 2 * n], self._direct(data, point), constant, starts, data.begin,
+                    len(self.drives), self.laws[0], p, self.laws[1], q, z, v,
+                )
+            )  # fmt: skip
         return bool(
             simulate_driven(
                 x, point[:n], point[n : 2 * n], constant, starts, data.begin, len(self.drives),
                 self.laws[0], p, self.laws[1], q, z, v,
             )
         )  # fmt: skip
+
+    def _direct(self, data: Data, point: Floats) -> float:
+        """Return the gain of the direct path inside the equation."""
+        assert self.inside is not None
+        return float(point[self.places(data)[self.inside].start])
 
     def _law_parameters(self, data: Data, point: Floats) -> tuple[Floats, Floats]:
         places = self.places(data)
@@ -206,17 +229,17 @@ class Chain:
         Lines of parameters that are not ``free`` may be left at zero.
         """
         self._wanted = np.ones(point.size, dtype=bool) if free is None else free
-        n, places, n_linear = self.order, self.places(data), self.n_linear(data)
+        places, n_linear = self.places(data), self.n_linear(data)
         J = np.zeros((self.size(data), data.u.size))
-        by_input, by_position, by_speed = self.drive_slopes(data, point, run)
-        moved = [(row, change * by_input) for row, change in self._input_changes(data, point)]
+        slopes = self.drive_slopes(data, point, run)
+        moved = [(row, change * slopes[0]) for row, change in self._input_changes(data, point)]
         moved += self._law_changes(data, point, run)
         inputs = np.array([change for _, change in moved]) if moved else np.empty((0, data.u.size))
-        columns = tangent(
-            run.z, run.v, point[:n], point[n : 2 * n], data.begin, self.constant, self.free_start,
-            bool(self.drives), by_position, by_speed, inputs,
-        )  # fmt: skip
+        columns = self.followed(data, point, run, slopes, inputs)
         J[:n_linear] = columns[:n_linear]
+        if self.inside is not None:
+            J[places[self.inside]] = columns[-1:]
+            columns = columns[:-1]
         for (row, _), column in zip(moved, columns[n_linear:], strict=True):
             J[row] = column
         for i in self.at["parallel"]:
@@ -225,6 +248,30 @@ class Chain:
             J = self._through(data, i, before, point[places[i]], J)
             J[places[i]] = self._differences(data, i, before, point)
         return J
+
+    def followed(self, data: Data, point: Floats, run: Run, slopes: Slopes, inputs: Floats) -> Floats:
+        """Return how z follows its own parameters, small changes of v, and the direct path inside if any.
+
+        ``slopes`` are those of `drive_slopes`, ``inputs`` has shape (n_changes, n_rows).
+        """
+        n, (_, by_position, by_speed) = self.order, slopes
+        if self.inside is None:
+            return np.asarray(
+                tangent(
+                    run.z, run.v, point[:n], point[n : 2 * n], data.begin, self.constant, self.free_start,
+                    bool(self.drives), by_position, by_speed, inputs,
+                )
+            )  # fmt: skip
+        from sysid.diagnosis.linear.direct_path import tangent_through
+
+        none = np.zeros_like(run.v)
+        outputs = np.array([none] * inputs.shape[0] + [run.v])
+        return np.asarray(
+            tangent_through(
+                run.z, run.v, point[:n], point[n : 2 * n], self._direct(data, point), data.begin,
+                self.constant, self.free_start, by_position, by_speed, np.vstack([inputs, none]), outputs,
+            )
+        )  # fmt: skip
 
     def through_sensor(self, data: Data, point: Floats, run: Run, lines: Floats) -> Floats:
         """Return what the maps of the output make of small changes before them."""
@@ -265,7 +312,7 @@ class Chain:
                 found.append((row, _quotient(acting, point[row], self._is_strength(i, row - place.start))))
         return found
 
-    def drive_slopes(self, data: Data, point: Floats, run: Run) -> tuple[Floats | float, Floats, Floats]:
+    def drive_slopes(self, data: Data, point: Floats, run: Run) -> Slopes:
         """Return the derivative of the driven input by input, position and speed; empty without forces."""
         if not self.drives:
             return 1.0, _NONE, _NONE

@@ -18,7 +18,7 @@ def directions_of(chain: Chain, data: Data, point: Floats, effect: Effect) -> li
     if base is None or effect.port == "noise" or too_many_drives(beside):
         return []
     found = []
-    for form in effect.forms:
+    for form in effect.found_by:
         choices = (*chain.choices, Choice(effect, form))
         extended = Chain(chain.order, choices, chain.constant, chain.free_start)
         search = EffectSearch(extended, data, WHITE, [point])

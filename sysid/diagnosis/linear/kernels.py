@@ -24,7 +24,7 @@ _matrix = types.Array(types.float64, 2, "C")
 _drive = types.FunctionType(drive_signature())
 
 
-def _with_drives(*signature: Any) -> Callable[[Kernel], Kernel]:
+def with_drives(*signature: Any) -> Callable[[Kernel], Kernel]:
     """Compile for one signature, so that any drive fits without compiling again."""
 
     def decorate(function: Kernel) -> Kernel:
@@ -74,7 +74,7 @@ def simulate(x: Floats, a: Floats, b: Floats, constant: float, start: Floats, be
     return True
 
 
-@_with_drives(
+@with_drives(
     types.boolean(
         _row, _row, _row, _number, _matrix, _index, types.int64, _drive, _row, _drive, _row, _row, _row
     )
@@ -117,7 +117,7 @@ def simulate_driven(
     return True
 
 
-@_with_drives(_row(_row, _row, _index, types.int64, _drive, _row, _drive, _row, _number, _number, _number))
+@with_drives(_row(_row, _row, _index, types.int64, _drive, _row, _drive, _row, _number, _number, _number))
 def driven(
     x: Floats,
     z: Floats,

@@ -4,16 +4,23 @@ import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.linear.chain import Chain, Data
-from sysid.diagnosis.linear.kernels import tangent
 from sysid.diagnosis.structures.probe_functions import EXTRA_LAGS, probe_functions
 
 
-def probe_directions(chain: Chain, data: Data, point: Floats) -> Floats:
+def probe_directions(chain: Chain, data: Data, point: Floats, since: int = 0) -> Floats:
     """Return the directions, shape (n_probes, n_rows).
 
     Functions of the input, the modelled output and its speed, of their products and of time, added to
     the output and, through the model's dynamics with its effects, to its input; and further lags of the
     input.
+
+    Parameters
+    ----------
+    chain : Chain
+    data : Data
+    point : ndarray
+    since : int
+        Least number of samples by which the input comes before the output.
     """
     run = chain.run(data, point)
     if run is None:
@@ -22,12 +29,14 @@ def probe_directions(chain: Chain, data: Data, point: Floats) -> Floats:
     speed = run.z - data.lagged(run.z, 1)
     time = np.arange(data.u.size) - np.repeat(data.begin[:-1], np.diff(data.begin))
     time = 2.0 * time / max(float(time.max()), 1.0) - 1.0
-    functions = np.array([*probe_functions(data.u, data.lagged(data.u, 1), run.z, speed, time)])
-    _, by_position, by_speed = chain.drive_slopes(data, point, run)
-    through = tangent(
-        run.z, run.v, point[:n], point[n : 2 * n], data.begin, False, False,
-        bool(chain.drives), by_position, by_speed, functions,
-    )[2 * n :]  # fmt: skip
+    functions, acting = (
+        np.array(
+            [*probe_functions(data.lagged(data.u, lag), data.lagged(data.u, lag + 1), run.z, speed, time)]
+        )
+        for lag in (since, 0)
+    )
+    slopes, own = chain.drive_slopes(data, point, run), chain.n_linear(data)
+    through = chain.followed(data, point, run, slopes, acting)[own : own + len(acting)]
     through = chain.through_sensor(data, point, run, through)
-    lags = [data.lagged(data.u, lag) for lag in range(2 * n + EXTRA_LAGS + 1)]
+    lags = [data.lagged(data.u, lag) for lag in range(since, 2 * n + EXTRA_LAGS + 1)]
     return np.vstack([functions, through, lags])

@@ -28,6 +28,8 @@ TOO_MANY = f"a linear model takes at most {MOST_DRIVES} forces"
 HIGHEST_ORDER = 6
 # By how much poles on the unit circle are drawn in.
 DRAWN_IN = (1.0 - 1e-6, 1.0 - 1e-4, 0.99)
+# Laws about a position of zero: seen from afar they are a bend of any shape, whatever bends.
+CENTRED = ("gravity_sine", "cubic_stiffness")
 # A higher order must lower the validation error by at least this share.
 WORTHWHILE = 0.02
 
@@ -89,10 +91,18 @@ class LinearStructure:
             same["constant_force"] = ""  # the constant is in the model
         names = {effect.name for effect in effects}
         return tuple(
-            effect
+            effect.within("linear")
             for effect in effects
-            if "linear" in effect.families and not (effect.name in same and same[effect.name] in names | {""})
+            if "linear" in effect.families
+            and not (effect.name in same and same[effect.name] in names | {""})
+            and not (effect.name in CENTRED and self._far_from_zero())
         )
+
+    def _far_from_zero(self) -> bool:
+        """Tell whether zero is farther from the measured output than all that it moves."""
+        y = self.record.y[self.record.learning, 0]
+        low, high = float(np.nanmin(y)), float(np.nanmax(y))
+        return max(low, -high) > high - low
 
     def baseline(self, rows: Mask) -> StructureFit:
         """Fit the model without effects, from several starts."""
@@ -135,6 +145,10 @@ class LinearStructure:
     def probes(self, fit: StructureFit) -> Floats:
         """Return directions in which an effect that is not in any list would show."""
         return self._on_record(probe_directions(*self._learning(fit)))
+
+    def earlier_probes(self, fit: StructureFit) -> Floats:
+        """Return directions that hold the input of earlier rows only, as an effect of the plant does."""
+        return self._on_record(probe_directions(*self._learning(fit), since=1))
 
     def _learning(self, fit: StructureFit) -> tuple[Chain, Data, Floats]:
         """Return chain and point of a fit on all rows that may be learnt from."""
@@ -298,8 +312,13 @@ class LinearStructure:
         return None
 
     def _chosen_order(self) -> int:
-        """Return the lowest order whose validation error is not worth a higher one."""
+        """Return the lowest order whose validation error is not worth a higher one.
+
+        Poles and zeros that nearly cancel have no place of their own: an order whose restarts disagree is
+        taken only where those of no order agree.
+        """
         record, best, chosen = self.record, np.inf, 1
+        any_best, any_chosen = np.inf, 0
         for order in range(1, HIGHEST_ORDER + 1):
             self.order = order
             try:
@@ -310,6 +329,8 @@ class LinearStructure:
                 break  # a lower order follows the record without running away
             error = record.y[:, 0] - fit.output
             cost = float(np.mean(error[record.validation] ** 2))
-            if cost < best * (1.0 - WORTHWHILE) ** 2:
+            if cost < any_best * (1.0 - WORTHWHILE) ** 2:
+                any_best, any_chosen = cost, order
+            if fit.restarts_agree and cost < best * (1.0 - WORTHWHILE) ** 2:
                 best, chosen = cost, order
-        return chosen
+        return chosen if np.isfinite(best) else max(any_chosen, 1)

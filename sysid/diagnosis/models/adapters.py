@@ -195,7 +195,7 @@ class PhysicalModel(Refitted):
 
     fit: "PhysicsFit"
     accepted: "PhysicsFit"
-    hold_note: str = ""
+    remarks: tuple[str, ...] = ()
     poles: tuple[complex, ...] = ()
     candidates: "tuple[Candidate, ...]" = ()
 
@@ -239,7 +239,7 @@ class PhysicalModel(Refitted):
         known = f"; {', '.join(fixed)} {'is' if len(fixed) == 1 else 'are'} fixed" if fixed else ""
         names = ", ".join(self.fit.names)
         fitted = f"The parameters {names} were fitted by the free-run error of the model{known}."
-        return (fitted, self.hold_note) if self.hold_note else (fitted,)
+        return (fitted, *self.remarks)
 
     @property
     def initial_state(self) -> str:

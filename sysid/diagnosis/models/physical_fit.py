@@ -1,43 +1,52 @@
 """A physical model fitted for a comparison: on the estimation rows, and again with the validation rows."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from sysid.data import Record
 from sysid.diagnosis.models.adapters import PhysicalModel
+from sysid.diagnosis.models.sensor_zero import fit_with_zero
 from sysid.diagnosis.physics.hold import SMOOTHER, band_limited
 from sysid.diagnosis.wording import percent
 from sysid.errors import ModelError
 from sysid.physics import Model, PhysicsFit, fit_physics, refit_physics
+from sysid.progress import Callback, part_of
 
-# Percentage of the work that is done when the search from many starts is.
-SEARCHED = 80
+# Percentage of the work that is done when the search from many starts is, and that with a zero of the sensor.
+SEARCHED, SEARCHED_AGAIN = 50, 90
 
 
 def fit_physical(
     record: Record,
     model: Model,
     initial_state: str,
-    progress: Callable[[int, int], None] | None = None,
+    constant: bool | None = None,
+    progress: Callback | None = None,
 ) -> PhysicalModel:
     """Search on the estimation rows from many starts; the refit with the validation rows goes on from there.
 
     The input is held between samples, unless it has no upper frequencies, as one that was held has, and a
-    smooth course between samples lowers the error on the validation rows by much.
+    smooth course between samples lowers the error on the validation rows by much.  The sensor may have a
+    zero of its own (``constant``); where nothing is said and experiments do not start at rest, the validation
+    rows say so.
     """
-
-    def part(done: int, total: int) -> None:
-        if progress is not None:
-            progress(SEARCHED * done // max(total, 1), 100)
-
-    accepted = fit_physics(record, model, initial_state=initial_state, rows=record.estimation, progress=part)
-    accepted, note = _held_or_smooth(record, accepted)
+    accepted = fit_physics(
+        record,
+        model,
+        initial_state=initial_state,
+        rows=record.estimation,
+        progress=part_of(progress, 0, SEARCHED),
+    )
+    accepted, held = _held_or_smooth(record, accepted)
+    zero = ""
+    if constant or (constant is None and initial_state == "estimate"):
+        again = part_of(progress, SEARCHED, SEARCHED_AGAIN)
+        accepted, zero = fit_with_zero(record, accepted, bool(constant), again)
     fit = refit_physics(record, accepted)
     if progress is not None:
         progress(100, 100)
-    return PhysicalModel(fit, accepted, note)
+    return PhysicalModel(fit, accepted, tuple(note for note in (held, zero) if note))
 
 
 def _held_or_smooth(record: Record, held: PhysicsFit) -> tuple[PhysicsFit, str]:

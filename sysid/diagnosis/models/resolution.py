@@ -129,8 +129,6 @@ def fit_model(
             initial_state=initial_state,
             progress=progress,
         )
-    if delay is not None or constant is not None:
-        raise UsageError(
-            f"delay and constant belong to the linear model: {model.name!r} has parameters instead"
-        )
-    return fit_physical(record, model, initial_state, progress)
+    if delay is not None:
+        raise UsageError(f"delay belongs to the linear model: {model.name!r} has parameters instead")
+    return fit_physical(record, model, initial_state, constant, progress)

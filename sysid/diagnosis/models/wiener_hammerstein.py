@@ -14,9 +14,9 @@ from sysid.diagnosis.models.doubts import doubts
 from sysid.diagnosis.models.fitted_map import GRID, INNER, FittedMap, density_on, inner_range
 from sysid.diagnosis.models.fitted_model import WIENER_HAMMERSTEIN, BlockResponse, ParameterValue
 from sysid.diagnosis.wording import NORMAL_95, percent, significant
-from sysid.lft.wiener_hammerstein_choice import WienerHammersteinChoice, choose_wiener_hammerstein
-from sysid.lft.wiener_hammerstein_files import to_json
-from sysid.lft.wiener_hammerstein_fit import WienerHammersteinFit
+from sysid.lft.wiener_hammerstein.choice import WienerHammersteinChoice, choose_wiener_hammerstein
+from sysid.lft.wiener_hammerstein.files import to_json
+from sysid.lft.wiener_hammerstein.result import WienerHammersteinFit
 from sysid.linear.forms import Floats
 from sysid.linear.simulation import Prediction
 

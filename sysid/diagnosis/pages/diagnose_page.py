@@ -92,7 +92,7 @@ def _ladder_table(diagnosis: "Diagnosis", judged: str) -> Table:
                 _number(entry["rmse"], lambda v: quantity(v, unit)),
                 _number(entry["nrmse"], percent),
                 "" if low is None or high is None else f"{percent(low)} to {percent(high)}",
-                percent(rung.removed) if rung.step else "",
+                percent(min(rung.removed, 1.0)) if rung.step else "",
             )
         )
     columns = ("added", ">RMSE", ">NRMSE", ">95 % interval", ">explainable error removed")

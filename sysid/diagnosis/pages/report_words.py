@@ -4,10 +4,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sysid.diagnosis.decide.modes import MODE, rings
 from sysid.diagnosis.wording import NORMAL_95, percent, plus_minus, quantity, significant
 
 if TYPE_CHECKING:
     from sysid.diagnosis.diagnose import Diagnosis
+    from sysid.diagnosis.effects.base import Effect
     from sysid.diagnosis.ladder import Rung
     from sysid.diagnosis.structures.structure import FittedParameter
 
@@ -26,7 +28,7 @@ def sentences(diagnosis: "Diagnosis") -> list[str]:
     unit = record.unit(record.outputs[0])
     judged = diagnosis.judged
     found = [_headline(diagnosis)]
-    found += [f"{choice.effect.name}: {choice.effect.mechanism}" for choice in diagnosis.final.fitted.choices]
+    found += [f"{effect.name}: {_mechanism(effect, diagnosis)}" for effect in _effects(diagnosis)]
     for rung in ladder:
         found.append(_rung(rung, judged, unit))
     found += _noise_floor(diagnosis, judged, unit)
@@ -68,6 +70,20 @@ def _loose(diagnosis: "Diagnosis") -> list[str]:
     ]
 
 
+def _effects(diagnosis: "Diagnosis") -> "list[Effect]":
+    return [choice.effect for choice in diagnosis.final.fitted.choices]
+
+
+def _mechanism(effect: "Effect", diagnosis: "Diagnosis") -> str:
+    """Return what happens, for a mode whether it rings at all."""
+    if effect.name != MODE or rings(diagnosis.final.fitted):
+        return effect.mechanism
+    return (
+        "Further dynamics beside the modelled ones that do not ring, such as a slow heat store or a second "
+        "time constant: the model's order is too low, so try a higher one before you believe in a vibration."
+    )
+
+
 def _headline(diagnosis: "Diagnosis") -> str:
     names = " and ".join(diagnosis.accepted)
     best = next((t for t in diagnosis.decision.trials if t.fit is not None), None)
@@ -75,7 +91,8 @@ def _headline(diagnosis: "Diagnosis") -> str:
         "missing-effect": f"Missing in the model: {names or (best.name if best else '')}.",
         "nothing-missing": "Nothing is missing in the model.",
         "coloured-noise": "Nothing is missing in the model but a memory of the noise.",
-        "unexplained": f"Missing in the model: {names}, and something that no candidate explains."
+        "unexplained": f"Missing in the model: {names}, or what resembles it, and something that no "
+        "candidate explains."
         if names
         else "Something is missing in the model that no candidate explains.",
         "not-identifiable": "The model's parameters cannot be told from this record.",
@@ -142,5 +159,5 @@ def _rung(rung: "Rung", judged: str, unit: str) -> str:
     if entry["rmse"] is None:
         return f"{what}: the free run on {judged} diverges."
     share = f", {percent(entry['nrmse'])} of the signal" if entry["nrmse"] is not None else ""
-    removed = f"; {percent(rung.removed)} of the explainable error removed" if rung.step else ""
+    removed = f"; {percent(min(rung.removed, 1.0))} of the explainable error removed" if rung.step else ""
     return f"{what}: free-run error {quantity(entry['rmse'], unit)} RMSE on {judged}{share}{removed}."

@@ -262,9 +262,13 @@ def _place(port: Port) -> str:
     return {
         "input": f"static curve at the input {port.quantity}",
         "output": "static curve at the output",
-        "position": f"force that depends on the position ({port.quantity})",
-        "velocity": f"force that depends on the velocity ({port.quantity})",
+        "position": f"force that depends on the position{_unless_same(port)}",
+        "velocity": f"force that depends on the velocity{_unless_same(port)}",
     }[port.kind]
+
+
+def _unless_same(port: Port) -> str:
+    return "" if port.quantity == port.kind else f" ({port.quantity})"
 
 
 def _nothing_found(port: Port) -> str:

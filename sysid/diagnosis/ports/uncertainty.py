@@ -116,7 +116,9 @@ def with_bias(shape: Shape, fit: PortFit, coarser: PortFit) -> Shape:
     noise = shape.spread**2 - np.interp(shape.value, other.value, other.spread) ** 2
     squared = np.where(inside, np.maximum(difference**2 - np.maximum(noise, 0.0), 0.0), 0.0)
     step = float(shape.value[1] - shape.value[0])
-    reach = int(np.ceil(float(np.diff(fit.loop.knots).max()) / step))
+    # No farther than the curve: where the plant is nearly still its range is narrower than a knot interval.
+    widest = (shape.value.size - 1) // 2
+    reach = int(min(np.ceil(float(np.diff(fit.loop.knots).max()) / abs(step)), widest))
     window = np.ones(2 * reach + 1)
     mean = np.convolve(squared, window, "same") / np.convolve(np.ones(squared.size), window, "same")
     return replace(shape, spread=np.sqrt(shape.spread**2 + mean / COARSER_ERROR))

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from sysid.data import Record
 from sysid.data.record import Mask, check_record
 from sysid.lft.linear_block import LinearBlock
-from sysid.lft.wiener_hammerstein_model import WienerHammerstein
-from sysid.lft.wiener_hammerstein_start import run_from
+from sysid.lft.wiener_hammerstein.initial_state import run_from
+from sysid.lft.wiener_hammerstein.model import WienerHammerstein
 from sysid.linear.forms import Complexes, Floats
 from sysid.linear.simulation import Prediction, check_fits, predict_experiments
 from sysid.nonlinearities.spline import Spline

@@ -7,9 +7,9 @@ import numpy as np
 
 from sysid.errors import IdentifiabilityError
 from sysid.lft.between_samples import HALF_LENGTH
-from sysid.lft.wiener_hammerstein_model import WienerHammerstein
-from sysid.lft.wiener_hammerstein_reduction import Point, Problem
-from sysid.lft.wiener_hammerstein_starts import with_knots
+from sysid.lft.wiener_hammerstein.model import WienerHammerstein
+from sysid.lft.wiener_hammerstein.reduction import Point, Problem
+from sysid.lft.wiener_hammerstein.starts import with_knots
 from sysid.linear.forms import Floats
 from sysid.linear.reduction import Segment
 from sysid.linear.restarts import shortened

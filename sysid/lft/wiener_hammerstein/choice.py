@@ -9,18 +9,12 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask, check_record
 from sysid.errors import DataError, SysidError, UsageError
-from sysid.lft.wiener_hammerstein import (
-    Multistart,
-    check_enough,
-    checked_form,
-    checked_intervals,
-    checked_orders,
-    fit_of,
-)
-from sysid.lft.wiener_hammerstein_fit import WienerHammersteinFit
-from sysid.lft.wiener_hammerstein_model import WienerHammerstein
-from sysid.lft.wiener_hammerstein_search import COARSE_STEP, LEADING_ROWS, Found, Screening, refine, search
-from sysid.lft.wiener_hammerstein_start import run_from
+from sysid.lft.wiener_hammerstein.checks import check_enough, checked_form, checked_intervals, checked_orders
+from sysid.lft.wiener_hammerstein.initial_state import run_from
+from sysid.lft.wiener_hammerstein.model import WienerHammerstein
+from sysid.lft.wiener_hammerstein.multistart import Multistart, fit_of
+from sysid.lft.wiener_hammerstein.result import WienerHammersteinFit
+from sysid.lft.wiener_hammerstein.search import COARSE_STEP, LEADING_ROWS, Found, Screening, refine, search
 from sysid.linear.forms import Floats
 from sysid.linear.output_error import make_segments
 from sysid.linear.restarts import shortened

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.lft.wiener_hammerstein_kernels import all_pole_rows
-from sysid.lft.wiener_hammerstein_reduction import Point, blocks_of_rows, searched_columns
+from sysid.lft.wiener_hammerstein.kernels import all_pole_rows
+from sysid.lft.wiener_hammerstein.reduction import Point, blocks_of_rows, searched_columns
 from sysid.linear.forms import Floats
 from sysid.linear.reduction import RANK_TOLERANCE, Segment
 from sysid.linear.uncertainty import autoregression

@@ -5,7 +5,7 @@ import numpy as np
 from sysid.data.record import Mask
 from sysid.lft.between_samples import HALF_LENGTH
 from sysid.lft.linear_block import LinearBlock
-from sysid.lft.wiener_hammerstein_model import WienerHammerstein
+from sysid.lft.wiener_hammerstein.model import WienerHammerstein
 from sysid.linear.forms import Floats
 from sysid.linear.kernels import kautz_columns
 from sysid.linear.simulation import simulate_polynomial

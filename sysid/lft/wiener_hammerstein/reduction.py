@@ -13,8 +13,8 @@ import numpy as np
 
 from sysid.data.record import Mask
 from sysid.lft.linear_block import coordinates
-from sysid.lft.wiener_hammerstein_columns import Columns
-from sysid.lft.wiener_hammerstein_model import WienerHammerstein
+from sysid.lft.wiener_hammerstein.columns import Columns
+from sysid.lft.wiener_hammerstein.model import WienerHammerstein
 from sysid.linear.forms import Floats
 from sysid.linear.reduction import Segment, solve
 from sysid.linear.simulation import simulate_polynomial

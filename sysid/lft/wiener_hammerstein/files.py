@@ -6,7 +6,7 @@ import numpy as np
 
 from sysid.errors import DataError
 from sysid.lft.linear_block import LinearBlock
-from sysid.lft.wiener_hammerstein_model import WienerHammerstein
+from sysid.lft.wiener_hammerstein.model import WienerHammerstein
 from sysid.nonlinearities.spline import Spline
 
 KIND, SCHEMA = "sysid-wiener-hammerstein-model", 1

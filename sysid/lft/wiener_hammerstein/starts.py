@@ -12,8 +12,8 @@ import numpy as np
 
 from sysid.errors import SysidError
 from sysid.lft.linear_block import LinearBlock
-from sysid.lft.wiener_hammerstein_model import WienerHammerstein
-from sysid.lft.wiener_hammerstein_reduction import Point, Problem
+from sysid.lft.wiener_hammerstein.model import WienerHammerstein
+from sysid.lft.wiener_hammerstein.reduction import Point, Problem
 from sysid.linear.forms import Complexes, Floats
 from sysid.linear.output_error import coefficients
 from sysid.linear.reduction import Segment, Structure

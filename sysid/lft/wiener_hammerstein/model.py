@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from sysid.errors import UsageError
 from sysid.lft.linear_block import LinearBlock
-from sysid.lft.wiener_hammerstein_columns import Columns
+from sysid.lft.wiener_hammerstein.columns import Columns
 from sysid.linear.forms import Floats
 from sysid.nonlinearities.spline import Spline
 

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.lft.between_samples import interpolation_taps
-from sysid.lft.wiener_hammerstein_kernels import back_derivatives, back_rows, front_rows, map_rows
+from sysid.lft.wiener_hammerstein.kernels import back_derivatives, back_rows, front_rows, map_rows
 from sysid.linear.forms import Floats
 from sysid.nonlinearities.spline import EXTRAPOLATIONS
 
 if TYPE_CHECKING:
     from sysid.lft.linear_block import LinearBlock
-    from sysid.lft.wiener_hammerstein_model import WienerHammerstein
+    from sysid.lft.wiener_hammerstein.model import WienerHammerstein
 
 # Below this 1 + a1 + a2 of a section is an integrator, which no constant input settles: it starts from zero.
 SMALLEST_SUM = 1e-9
