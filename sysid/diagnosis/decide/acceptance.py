@@ -44,27 +44,34 @@ def is_accepted(
         and evidence.own_criterion(trial.fit) < evidence.own_criterion(current)
         and chance_under_own_noise(evidence, trial, current) < evidence.alpha
         and _holds(evidence, trial, current)
-        and chance_off_the_motion(evidence, trial, current) <= MOST_AT_OTHER_TIMES
     )
-    if not agreed or not further:
-        return agreed
-    if evidence.smooth and trial.validation > (1.0 - LEAST_FALL) * evidence.held_out_error(current, WHITE):
+    if not agreed:
+        return False
+    if further and evidence.smooth:
+        if trial.validation > (1.0 - LEAST_FALL) * evidence.held_out_error(current, WHITE):
+            return False
+    elif further and _explains_the_rest(evidence, trial, current, baseline):
+        return True
+    if chance_off_the_motion(evidence, trial, current) > MOST_AT_OTHER_TIMES:
         return False
     left = evidence.cost(trial.fit, WHITE_NOISE)
     whole = evidence.cost(baseline, WHITE_NOISE) - left
     step = evidence.cost(current, WHITE_NOISE) - left
-    return step > LEAST_SHARE * whole or _explains_the_rest(evidence, trial.fit, current, baseline)
+    return not further or step > LEAST_SHARE * whole
 
 
 def _explains_the_rest(
-    evidence: Evidence, fit: StructureFit, current: StructureFit, baseline: StructureFit
+    evidence: Evidence, trial: Trial, current: StructureFit, baseline: StructureFit
 ) -> bool:
-    """Tell whether something was clearly left before, and nothing is now.
+    """Tell whether something was clearly left before, and nothing but white noise is now.
 
-    A form with more freedom can do most of what a second effect does; a detail of an effect that is not
-    there leaves something itself.
+    A form with more freedom can do most of what a second effect does, and the motion need not tell: an
+    offset is the same at any time.  A detail of an effect that is not there leaves something itself.
     """
-    before, after = (evidence.left(baseline, each, evidence.rows)[0] for each in (current, fit))
+    assert trial.fit is not None
+    if trial.noise.order > 0:
+        return False
+    before, after = (evidence.left(baseline, fit, evidence.rows)[0] for fit in (current, trial.fit))
     return before < LEFT_P_VALUE and after >= SEEN_P_VALUE
 
 
