@@ -15,6 +15,8 @@ TIED = 2.0
 # A further effect must explain this share of what all effects explain, or it is a detail of the first, unless
 # it explains all that was left.
 LEAST_SHARE = 0.01
+# ... unless so many times more than is left after it: a run that is lost without the first dwarfs all else.
+LARGE_STEP = 2.0
 # Where everything is significant it must also lower the free-run error on held-out rows by this share.
 LEAST_FALL = 0.1
 # An effect may explain as much at one of a hundred other times.
@@ -57,7 +59,7 @@ def is_accepted(
     left = evidence.cost(trial.fit, WHITE_NOISE)
     whole = evidence.cost(baseline, WHITE_NOISE) - left
     step = evidence.cost(current, WHITE_NOISE) - left
-    return not further or step > LEAST_SHARE * whole
+    return not further or step > min(LEAST_SHARE * whole, LARGE_STEP * left)
 
 
 def _explains_the_rest(

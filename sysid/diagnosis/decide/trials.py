@@ -18,6 +18,8 @@ from sysid.progress import Progress
 SCREENED, REFINED, POLISHED = 12, 6, 3
 # How many are fitted beside effects that were accepted before, in all forms, and finest.
 FURTHER, REFINED_BESIDE, POLISHED_BESIDE = 8, 4, 2
+# A model that leaves this share of the squared deviations has lost its plant.
+MOST_LOST = 0.7
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -60,10 +62,24 @@ class Trials:
         # A family whose fits are cheap may ask for more of them than the screen would let through.
         count: int = getattr(self.evidence.structure, "screened", SCREENED)
         count = min(count, most) if further else count
-        chosen = [e for i, e in enumerate(ranking) if i < count or self._without_slope(e, current)]
+        lost = self._lost(current)
+        chosen = [
+            e
+            for i, e in enumerate(ranking)
+            if i < count or (lost and e.port == "force") or self._without_slope(e, current)
+        ]
         trials = self.ranked(current, chosen, colour)
         left = [Trial(e.name, None, WHITE_NOISE, np.inf, -np.inf) for e in ranking if e not in chosen]
         return self._judged(current, [*trials, *left], screen, colour)
+
+    def _lost(self, current: StructureFit) -> bool:
+        """Tell whether a model follows next to nothing, so that slopes along its run say nothing of a force.
+
+        A body without its spring drifts away from all that is measured: how the spring would act there is no
+        matter of small changes.
+        """
+        y = self.evidence.structure.record.y[self.evidence.rows, 0]
+        return self.evidence.cost(current, WHITE_NOISE) > MOST_LOST * float(np.sum((y - np.mean(y)) ** 2))
 
     def _without_slope(self, effect: Effect, current: StructureFit) -> bool:
         """Tell whether a score says nothing of an effect that the measured output allows.
@@ -92,11 +108,14 @@ class Trials:
             simple = [form for form in effect.found_by if flow or len(form.parameters) <= size]
             return self.best_form(current, effect, simple, noise, 1)
 
+        blind = {e.name for e in candidates if e.port == "force"} if self._lost(current) else set()
         beside = f" beside {' and '.join(current.names)}" if current.choices else ""
         tried = self._each(f"candidates{beside}", simply, candidates)
         found = {trial.name: trial for trial in tried}
         for effort, count in ((1, refined), (2, polished)):
-            leaders = sorted(found.values(), key=lambda t: t.criterion)[:count]
+            order = sorted(found.values(), key=lambda t: t.criterion)
+            # From a run that is lost a coarse search says no more of a force than its slope.
+            leaders = [t for i, t in enumerate(order) if i < count or (effort == 2 and t.name in blind)]
 
             def carefully(trial: Trial, effort: int = effort) -> Trial:
                 effect = next(e for e in candidates if e.name == trial.name)

@@ -360,8 +360,9 @@ class Chain:
         if form.slope == "linear":
             return np.array([data.by_experiment(apply, line, p) for line in J])
         step = STEP * (float(np.std(before)) or 1.0)
-        ahead = data.by_experiment(apply, before + step, p)
-        return J * ((ahead - data.by_experiment(apply, before - step, p)) / (2.0 * step))
+        with np.errstate(all="ignore"):  # a run that is about to diverge: what is not finite is turned away
+            ahead = data.by_experiment(apply, before + step, p)
+            return np.asarray(J * ((ahead - data.by_experiment(apply, before - step, p)) / (2.0 * step)))
 
     def error(self, data: Data, run: Run, noise: Floats) -> Floats:
         """Return the filtered error of a run on the used rows."""
