@@ -18,6 +18,7 @@ _PUBLIC = {
     "Runner": "sysid.montecarlo",
     "SeparableFit": "sysid.separable",
     "compare": "sysid.diagnosis.compare",
+    "compare_outputs": "sysid.diagnosis.compare",
     "correlation_method": "sysid.hammerstein",
     "diagnose": "sysid.diagnosis.diagnose",
     "fit_hammerstein": "sysid.linear",

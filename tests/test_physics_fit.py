@@ -218,5 +218,5 @@ def test_a_model_with_several_outputs_is_fitted_to_the_one_of_the_same_name():
         fit = fit_physics(record, both, start=truth, initial_state="rest")
         assert fit.values == pytest.approx(truth, rel=1e-5)
         assert fit.outputs == (name,)
-    with pytest.raises(UsageError, match="has the outputs y, speed and is fitted to one at a time"):
+    with pytest.raises(UsageError, match="has the outputs y, speed and is fitted to them by their names"):
         fit_physics(make_record(u, y[:, 0], PERIOD, outputs=("z",)), both)

@@ -44,14 +44,14 @@ def add_record_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def read_described(arguments: argparse.Namespace) -> "Record":
-    """Read the record that the options describe."""
+def read_described(arguments: argparse.Namespace, *, several: bool = False) -> "Record":
+    """Read the record that the options describe, with one output unless it may have several."""
     from sysid.data import read_record
 
     if arguments.skip is not None and arguments.skip < 0:
         raise UsageError(f"--skip is {arguments.skip}: give 0 or more rows")
     outputs = tuple(arguments.output or ("y",))
-    if len(outputs) > 1:
+    if len(outputs) > 1 and not several:
         raise UsageError(f"--output is given {len(outputs)} times ({', '.join(outputs)}): take one at a time")
     return read_record(
         arguments.data,

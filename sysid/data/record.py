@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import index
 from pathlib import Path
@@ -130,6 +130,15 @@ class Record:
         chosen = np.zeros(self.n_samples, dtype=bool)
         chosen[rows[self.skip.get(test_set, 0) :]] = True
         return _frozen(chosen & np.isfinite(self.y).all(axis=1))
+
+    def of_output(self, name: str) -> "Record":
+        """Return the same record with one of its outputs."""
+        if name not in self.outputs:
+            raise UsageError(f"the record has no output {name!r}: it has {', '.join(self.outputs)}")
+        if len(self.outputs) == 1:
+            return self
+        place = self.outputs.index(name)
+        return replace(self, y=_frozen(self.y[:, place : place + 1].copy()), outputs=(name,))
 
     def unit(self, column: str) -> str:
         """Return the unit of a column, or an empty string."""

@@ -101,6 +101,72 @@ def compare(
     return judge(record, fitted, ports=ports, progress=progress)
 
 
+def compare_outputs(
+    record: Record,
+    model: "str | Path | Model" = LINEAR,
+    order: int | None = None,
+    *,
+    constant: bool | None = None,
+    start: "Starts | None" = None,
+    fixed: Mapping[str, float] | None = None,
+    initial_state: str = "estimate",
+    ports: bool = True,
+    progress: Callback | None = None,
+) -> tuple[Comparison, ...]:
+    """Compare every output of a record with a model.
+
+    A physical model that has these outputs, by their names, is fitted to all of them together: they share
+    parameters and initial states.  Any other model is fitted to each output by itself.
+
+    Parameters
+    ----------
+    record : Record
+    model, order, constant, start, fixed, initial_state, ports, progress
+        As in `compare`.
+
+    Returns
+    -------
+    tuple of Comparison
+        One for each output.
+
+    Raises
+    ------
+    UsageError, ModelError, DataError, IdentifiabilityError
+        As in `compare`.
+    """
+    from sysid.diagnosis.models.physical_fit import fit_jointly
+    from sysid.physics import Model
+
+    resolved = resolve_model(model, order, start, fixed)
+    each = [record.of_output(name) for name in record.outputs]
+    count = len(each)
+    if count > 1 and isinstance(resolved, Model) and len(resolved.outputs) > 1:
+        models = fit_jointly(record, resolved, initial_state, constant, part_of(progress, 0, 50))
+        return tuple(
+            judge(
+                one,
+                fitted,
+                ports=ports,
+                progress=part_of(progress, 50 + 50 * i // count, 50 + 50 * (i + 1) // count),
+            )
+            for i, (one, fitted) in enumerate(zip(each, models, strict=True))
+        )
+    return tuple(
+        compare(
+            one,
+            model,
+            order,
+            constant=constant,
+            start=start,
+            fixed=fixed,
+            initial_state=initial_state,
+            ports=ports,
+            progress=part_of(progress, 100 * i // count, 100 * (i + 1) // count),
+        )
+        for i, one in enumerate(each)
+    )
+
+
 def _whole(name: str, value: int | None) -> int | None:
     if value is None:
         return None

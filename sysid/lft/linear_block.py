@@ -103,6 +103,11 @@ class LinearBlock:
         delay = np.exp(-1j * np.asarray(frequencies, dtype=np.float64))
         return np.asarray(np.polyval(self.b[::-1], delay) / np.polyval(self.a[::-1], delay))
 
+    def padded(self, order: int) -> "LinearBlock":
+        """Return the same block with poles at zero added up to an order."""
+        more = np.zeros(order - self.order, dtype=np.complex128)
+        return LinearBlock.from_poles(np.concatenate([self.poles, more]), self.b) if more.size else self
+
     def scaled(self, factor: float) -> "LinearBlock":
         """Return the block with its gain multiplied."""
         return LinearBlock(self.reflections, self.weights * factor)

@@ -12,7 +12,15 @@ from sysid.data.record import Mask, check_record
 from sysid.errors import IdentifiabilityError, ModelError, UsageError
 from sysid.linear.forms import Floats
 from sysid.physics.hold import HOLDS
+from sysid.physics.joint import (
+    first_weights,
+    output_sizes,
+    rms_of_outputs,
+    segments_of,
+    weighed_by_noise,
+)
 from sysid.physics.model import Model, Starts
+from sysid.physics.prediction import output_weights
 from sysid.physics.problem import Problem
 from sysid.physics.reading import load_model
 from sysid.physics.restarts import EVALUATIONS, agreement, descend, search_from_many
@@ -53,10 +61,14 @@ class PhysicsFit:
         Sampling period [s].
     inputs, outputs : tuple of str
     rms : float
-        Root mean square of the free-run residual on the rows of the fit.
-    output_std : float
-        Standard deviation of the output on these rows.
+        Root mean square of the free-run residual on the rows of the fit; of several outputs the root of the
+        mean of the squares relative to each one's standard deviation.
+    rms_of : tuple of float
+        Root mean square of the free-run residual of each output.
+    output_std : tuple of float
+        Standard deviation of each output on these rows.
     n_rows : int
+        Measured values.
     substeps : int or None
         Runge-Kutta steps in a sample; None if the simulation is exact.
     converged, restarts_agree : bool
@@ -78,7 +90,8 @@ class PhysicsFit:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     rms: float
-    output_std: float
+    rms_of: tuple[float, ...]
+    output_std: tuple[float, ...]
     n_rows: int
     substeps: int | None
     converged: bool
@@ -100,6 +113,21 @@ class PhysicsFit:
         """Return the unit of a parameter."""
         return self.model.parameter(name).unit
 
+    def of_output(self, place: int) -> "PhysicsFit":
+        """Return what the fit says of one of its outputs, the parameters those of all."""
+        if len(self.outputs) == 1:
+            return self
+        known = self.uncertainty
+        return replace(
+            self,
+            model=replace(self.model, outputs=(self.model.outputs[place],)),
+            uncertainty=replace(known, noises=(known.noises[place],), noise_stds=(known.noise_stds[place],)),
+            outputs=(self.outputs[place],),
+            rms=self.rms_of[place],
+            rms_of=(self.rms_of[place],),
+            output_std=(self.output_std[place],),
+        )
+
     def predict(self, record: Record, rows: Mask | None = None) -> "Prediction":
         """Predict every row of a record; see `sysid.physics.prediction.predict`."""
         from sysid.physics.prediction import predict
@@ -107,7 +135,10 @@ class PhysicsFit:
         return predict(self, record, rows)
 
     def __repr__(self) -> str:
-        lines = [f"PhysicsFit of {self.model.name!r}: rms {self.rms:.4g} on {self.n_rows} rows"]
+        size = f"rms {self.rms:.4g} on {self.n_rows} rows"
+        if len(self.outputs) > 1:
+            size = ", ".join(f"{n} rms {r:.4g}" for n, r in zip(self.outputs, self.rms_of, strict=True))
+        lines = [f"PhysicsFit of {self.model.name!r}: {size}"]
         for name, (value, error) in self.parameters().items():
             spread = "fixed" if name not in self.names else f"± {error:.2g}"
             if (prior := self.model.parameter(name).prior) is not None:
@@ -129,10 +160,14 @@ def fit_physics(
 ) -> PhysicsFit:
     """Fit a physical model by its free-run error, from several starts.
 
+    Several outputs are fitted together: they share parameters and initial states, and the error of each
+    counts by one over the size of what is left of it, found in turn with the parameters (the most likely
+    ones, if that is white noise independent of the others').
+
     Parameters
     ----------
     record : Record
-        With one output; of a model with several it is the one of the same name.
+        Of a model with several outputs it may have some; they are found by their names.
     model : Model, str, Path or class
         A model, or what `load_model` takes: a name, a TOML file, a Python class.
     start : mapping of str to float or pair of float, optional
@@ -158,7 +193,7 @@ def fit_physics(
     UsageError, ModelError
         If the options make no sense or the model cannot be simulated.
     DataError, IdentifiabilityError
-        If the record has too few rows, several outputs or missing outputs.
+        If the record has too few rows or missing outputs.
 
     Examples
     --------
@@ -173,16 +208,17 @@ def fit_physics(
     """
     from threadpoolctl import threadpool_limits
 
-    from sysid.linear.output_error import make_segments
-
     if initial_state not in INITIAL_STATES:
         raise UsageError(f"initial state is {initial_state!r}: choose estimate or rest")
     if hold not in HOLDS:
         raise UsageError(f"hold is {hold!r}: choose {' or '.join(HOLDS)}")
     described = (model if isinstance(model, Model) else load_model(model)).with_parameters(start, fixed)
     described = _read_by(described, check_record(record))
-    segments = make_segments(record, rows)
-    problem = Problem(described, segments, record.period, initial_state == "estimate", hold=hold)
+    segments = segments_of(record, rows)
+    weights = first_weights(segments)
+    problem = Problem(
+        described, segments, record.period, initial_state == "estimate", hold=hold, weights=weights
+    )
     _check_enough(problem)
     with threadpool_limits(1):  # blocks are small: further threads only wait for one another
         minimum, agreeing, tried = search_from_many(problem, progress)
@@ -214,11 +250,9 @@ def refit_physics(
     """
     from threadpoolctl import threadpool_limits
 
-    from sysid.linear.output_error import make_segments
-
-    segments = make_segments(record, rows)
+    segments = segments_of(record, rows)
     free_start, hold = fit.initial_state == "estimate", fit.hold if hold is None else hold
-    problem = Problem(fit.model, segments, record.period, free_start, hold=hold)
+    problem = Problem(fit.model, segments, record.period, free_start, hold=hold, weights=output_weights(fit))
     _check_enough(problem)
     with threadpool_limits(1):
         near = fit.states if free_start and fit.states.shape[0] == len(segments) else None
@@ -234,6 +268,8 @@ def _finished(
     problem: Problem, minimum: Minimum[Residual], record: Record, agree: bool, restarts: str
 ) -> PhysicsFit:
     minimum = _with_fine_steps(problem, minimum)
+    if len(record.outputs) > 1:
+        problem, minimum = weighed_by_noise(problem, minimum)
     uncertainty = parameter_uncertainty(problem, minimum.x, minimum.point.residual)
     if any(parameter.prior is not None for parameter in problem.parameters):
         problem, minimum, uncertainty = _with_priors(problem, minimum, uncertainty)
@@ -254,7 +290,8 @@ def _result(
         sentences.append(
             f"only combinations of {', '.join(uncertainty.undetermined)} are determined: fix one of them"
         )
-    measured = np.concatenate([segment.y[segment.used] for segment in problem.segments])
+    rms, sizes = rms_of_outputs(problem, minimum.point.residual), output_sizes(problem.segments)
+    relative = rms if len(rms) == 1 else rms / sizes
     return PhysicsFit(
         model=problem.model.with_values(values),
         names=problem.names,
@@ -265,8 +302,9 @@ def _result(
         period=problem.period,
         inputs=record.inputs,
         outputs=record.outputs,
-        rms=float(np.sqrt(np.mean(minimum.point.residual[: problem.n_rows] ** 2))),
-        output_std=float(np.std(measured)),
+        rms=float(np.sqrt(np.mean(relative**2))),
+        rms_of=tuple(rms.tolist()),
+        output_std=tuple(sizes.tolist()),
         n_rows=problem.n_rows,
         substeps=problem.simulator.substeps,
         converged=minimum.status.converged,
@@ -277,21 +315,22 @@ def _result(
 
 
 def _read_by(model: Model, record: Record) -> Model:
-    """Return the model with the one output that the record has, found by its name if there are several."""
-    name, n_outputs = record.outputs[0], record.y.shape[1]
-    own = tuple(output for output in model.outputs if len(model.outputs) == 1 or output.name == name)
-    if len(model.inputs) != record.u.shape[1] or n_outputs != 1:
+    """Return the model with the outputs that the record has, found by their names if it has several."""
+    n_outputs = len(record.outputs)
+    if len(model.inputs) != record.u.shape[1] or n_outputs > len(model.outputs):
         raise UsageError(
             f"model {model.name!r} has {len(model.inputs)} inputs and {len(model.outputs)} outputs, "
-            f"the record {record.u.shape[1]} and {n_outputs}: choose as many inputs and one output"
+            f"the record {record.u.shape[1]} and {n_outputs}: choose as many inputs and no more outputs"
         )
-    if not own:
-        names = ", ".join(output.name for output in model.outputs)
+    if len(model.outputs) == 1:
+        return model
+    own = {output.name: output for output in model.outputs}
+    if missing := [name for name in record.outputs if name not in own]:
         raise UsageError(
-            f"model {model.name!r} has the outputs {names} and is fitted to one at a time, by its name; "
-            f"the record's is {name!r}: rename one of them"
+            f"model {model.name!r} has the outputs {', '.join(own)} and is fitted to them by their names; "
+            f"the record's is {missing[0]!r}: rename one of them"
         )
-    return model if len(model.outputs) == 1 else replace(model, outputs=own)
+    return replace(model, outputs=tuple(own[name] for name in record.outputs))
 
 
 def _check_enough(problem: Problem) -> None:

@@ -19,14 +19,13 @@ def refined(signal: Floats, axis: int = 0) -> Floats:
     >>> refined(np.arange(3.0)).tolist()
     [0.125, 0.375, 0.625, 0.875, 1.125, 1.375, 1.625, 1.875, 2.0, 2.0, 2.0, 2.0]
     """
-    from scipy.interpolate import CubicSpline
+    from sysid.physics.hold_kernels import between_samples
 
-    n = signal.shape[axis]
-    if n < 2:
-        return np.repeat(signal, PIECES, axis=axis)
-    times = np.arange(n * PIECES) / PIECES + 0.5 / PIECES
-    spline = CubicSpline(np.arange(n), signal, axis=axis, bc_type="natural")
-    return np.ascontiguousarray(spline(np.minimum(times, n - 1.0)))
+    moved = np.moveaxis(np.asarray(signal, dtype=float), axis, -1)
+    shape = (*moved.shape[:-1], moved.shape[-1] * PIECES)
+    lines = np.ascontiguousarray(moved).reshape(-1, moved.shape[-1])
+    middles = (np.arange(PIECES) + 0.5) / PIECES
+    return np.ascontiguousarray(np.moveaxis(between_samples(lines, middles).reshape(shape), -1, axis))
 
 
 def in_columns(signal: Floats, axis: int = 0) -> Floats:

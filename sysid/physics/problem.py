@@ -1,6 +1,7 @@
 """The least-squares problem of a physical model: free-run error over parameters and initial states."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -36,9 +37,12 @@ class Problem:
         nothing without it.
     hold : {"zero", "smooth"}
         What the input does between samples, see `Simulator`.
+    weights : ndarray, shape (n_outputs,), optional
+        By which the error of each output counts, one over the size of its noise; all alike by default.
 
-    A Gaussian prior of mean m and deviation s adds the row ``noise * (parameter - m) / s``: in units of the
-    noise it is one more measurement.
+    Rows of the residual are those of the first experiment, output after output, then of the next.  A Gaussian
+    prior of mean m and deviation s adds the row ``noise * (parameter - m) / s``: in units of the noise it is
+    one more measurement.
     """
 
     def __init__(
@@ -49,6 +53,7 @@ class Problem:
         free_start: bool,
         noise: Floats | None = None,
         hold: str = "zero",
+        weights: Floats | None = None,
     ) -> None:
         self.model, self.segments, self.period = model, segments, period
         self.free_start, self.hold = free_start, hold
@@ -58,7 +63,8 @@ class Problem:
         self.positive = np.array([parameter.positive for parameter in self.parameters], dtype=bool)
         either_sign = [p.name for p in self.parameters if not p.positive]
         self.partial = Simulator(model, period, searched=either_sign, hold=hold)
-        self.n_rows = sum(int(segment.used.sum()) for segment in segments)
+        self.weights = np.ones(len(model.outputs)) if weights is None else weights
+        self.n_rows = self.weights.size * sum(int(segment.used.sum()) for segment in segments)
         self.before = 1.0 if free_start else 0.0
         self.noise = noise
         self.priors = (
@@ -74,11 +80,45 @@ class Problem:
 
     def with_segments(self, segments: tuple[Segment, ...]) -> "Problem":
         """Return the same problem on other rows."""
-        return Problem(self.model, segments, self.period, self.free_start, self.noise, self.hold)
+        return Problem(
+            self.model, segments, self.period, self.free_start, self.noise, self.hold, self.weights
+        )
+
+    def with_weights(self, weights: Floats) -> "Problem":
+        """Return the same problem with other weights of the outputs."""
+        problem = Problem(
+            self.model, self.segments, self.period, self.free_start, self.noise, self.hold, weights
+        )
+        problem.use_steps(self.simulator.substeps)
+        return problem
+
+    def at_rest(self) -> "Problem":
+        """Return the same problem with all experiments started at rest."""
+        return Problem(self.model, self.segments, self.period, False, hold=self.hold, weights=self.weights)
+
+    def of_output(self, place: int) -> "Problem":
+        """Return the problem of one output alone."""
+        if self.weights.size == 1:
+            return self
+        model = replace(self.model, outputs=(self.model.outputs[place],))
+        segments = tuple(replace(s, y=np.ascontiguousarray(s.y[:, place])) for s in self.segments)
+        return Problem(model, segments, self.period, self.free_start, self.noise, self.hold)
+
+    def runs(self) -> list[tuple[slice, Segment, int]]:
+        """Return rows of the residual, experiment and output of each unbroken part."""
+        found, row = [], 0
+        for segment in self.segments:
+            count = int(segment.used.sum())
+            for output in range(self.weights.size):
+                found.append((slice(row, row + count), segment, output))
+                row += count
+        return found
 
     def with_noise(self, noise: Floats) -> "Problem":
         """Return the same problem with priors weighed by another size of the noise."""
-        problem = Problem(self.model, self.segments, self.period, self.free_start, noise, self.hold)
+        problem = Problem(
+            self.model, self.segments, self.period, self.free_start, noise, self.hold, self.weights
+        )
         problem.use_steps(self.simulator.substeps)
         return problem
 
@@ -121,11 +161,20 @@ class Problem:
         """Return the free-run error on the used rows."""
         values, starts = self._split(point)
         parts = [
-            self.simulator.run(values, segment.u, start, before=self.before)[segment.used, 0]
-            - segment.y[segment.used]
+            self._stacked(
+                self.simulator.run(values, segment.u, start, before=self.before)[segment.used]
+                - segment.y[segment.used].reshape(-1, self.weights.size)
+            )
             for segment, start in zip(self.segments, starts, strict=True)
         ]
         return np.concatenate([*parts, self._prior_residual(values)])
+
+    def _stacked(self, rows: Floats) -> Floats:
+        """Return what belongs to rows and outputs output after output, each by its weight."""
+        if self.weights.size == 1:
+            return rows[:, 0]
+        weighed = rows * self.weights.reshape(-1, *[1] * (rows.ndim - 2))
+        return np.moveaxis(weighed, 1, 0).reshape(-1, *rows.shape[2:])
 
     def _prior_residual(self, values: Mapping[str, float]) -> Floats:
         return np.array(
@@ -162,11 +211,12 @@ class Problem:
         row = 0
         for number, (segment, start) in enumerate(zip(self.segments, starts, strict=True)):
             _, slopes = simulator.sensitivities(values, segment.u, start, before=self.before)
-            rows = slice(row, row + int(segment.used.sum()))
-            J[rows, :count] = slopes[segment.used, 0, :count]
+            rows = slice(row, row + self.weights.size * int(segment.used.sum()))
+            stacked = self._stacked(slopes[segment.used])
+            J[rows, :count] = stacked[:, :count]
             if self.free_start:
                 column = count + number * order
-                J[rows, column : column + order] = slopes[segment.used, 0, count:]
+                J[rows, column : column + order] = stacked[:, count:]
             row = rows.stop
         for row, (place, _) in enumerate(self.priors, start=self.n_rows):
             if self.names[place] in simulator.searched:

@@ -93,7 +93,7 @@ def _starts(problem: Problem, screening: Problem, batch: int) -> list[tuple[Floa
     matched = _matched(screening) if batch == 0 else []
     if not problem.free_start:
         return matched + found[: SEARCHED_STARTS - len(matched)]
-    at_rest = Problem(problem.model, problem.segments, problem.period, free_start=False, hold=problem.hold)
+    at_rest = problem.at_rest()
     forced = [
         (p[:count], at_rest.states_of(p)) for p in starting_points(at_rest, SEARCHED_STARTS // 2, batch)
     ]
@@ -104,7 +104,7 @@ def _matched(problem: Problem) -> list[tuple[Floats, Floats]]:
     """Return starts with the transfer function of an identified model, each with its initial states."""
     problem.use_steps(None)
     centre = problem.coordinates(problem.simulator.values())
-    points = matched_points(problem, centre, draw_widths(problem, centre), MATCHED_STARTS)
+    points = matched_points(problem.of_output(0), centre, draw_widths(problem, centre), MATCHED_STARTS)
     placed = [problem.point(point) for point in points]
     return [(p[: centre.size], problem.states_of(p)) for p in placed if p is not None]
 
@@ -129,7 +129,7 @@ def descend(problem: Problem, point: Floats, evaluations: int) -> Minimum[Residu
 
 def _same(best: Minimum[Residual], end: Minimum[Residual], problem: Problem) -> bool:
     """Tell whether two searches ended at the same error with the same output."""
-    floor = EXACT * np.sqrt(sum(float(segment.y @ segment.y) for segment in problem.segments))
+    floor = EXACT * np.sqrt(sum(float(np.sum((s.y * problem.weights) ** 2)) for s in problem.segments))
     error, other = np.sqrt(best.cost), np.sqrt(end.cost)
     apart = float(np.linalg.norm(end.point.residual - best.point.residual))
     return bool(

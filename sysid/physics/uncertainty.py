@@ -24,9 +24,9 @@ class Uncertainty:
     standard_errors : ndarray, shape (n_searched,)
     undetermined : tuple of str
         Parameters of which the record determines a combination only.
-    noise : ndarray, shape (order + 1,)
-        D(q), leading 1: the residual is white noise through 1/D.
-    noise_std : float
+    noises : tuple of ndarray, shape (order + 1,)
+        For each output D(q), leading 1: its residual is white noise through 1/D.
+    noise_stds : tuple of float
         Standard deviation of that white noise.
     effective_noise : ndarray, shape (n_searched,)
         Standard deviation of white noise in which each parameter would be as uncertain: by it a prior
@@ -36,9 +36,19 @@ class Uncertainty:
     covariance: Floats
     standard_errors: Floats
     undetermined: tuple[str, ...]
-    noise: Floats
-    noise_std: float
+    noises: tuple[Floats, ...]
+    noise_stds: tuple[float, ...]
     effective_noise: Floats
+
+    @property
+    def noise(self) -> Floats:
+        """D(q) of the first output."""
+        return self.noises[0]
+
+    @property
+    def noise_std(self) -> float:
+        """Standard deviation of the white noise of the first output."""
+        return self.noise_stds[0]
 
 
 def parameter_uncertainty(problem: Problem, point: Floats, residual: Floats) -> Uncertainty:
@@ -51,8 +61,10 @@ def parameter_uncertainty(problem: Problem, point: Floats, residual: Floats) -> 
 
     J = problem.plain_jacobian(point)
     rows, count = problem.n_rows, len(problem.names)
-    runs = np.split(residual[:rows], np.cumsum([int(s.used.sum()) for s in problem.segments])[:-1])
-    noise, noise_std = autoregression(runs)
+    models = [
+        autoregression([residual[part] for part, _, output in problem.runs() if output == o])
+        for o in range(problem.weights.size)
+    ]
     scale = np.linalg.norm(J, axis=0)
     scale[scale == 0.0] = 1.0
     J /= scale
@@ -60,11 +72,13 @@ def parameter_uncertainty(problem: Problem, point: Floats, residual: Floats) -> 
     known = sizes > RANK_TOLERANCE * sizes[0]
     # (J'J)^-1 J' V J (J'J)^-1 = G'G with G = F'J (J'J)^-1 = F'U diag(1/s) V'.
     inverse = (right[known] / sizes[known, np.newaxis]) / scale
-    spread = noise_std * np.sqrt(rows / max(rows - point.size, 1))
-    G = spread * (_backwards(left[:rows, known], noise, problem) @ inverse)[:, :count]
+    lost = float(np.sqrt(rows / max(rows - point.size, 1)))
+    G = lost * (_backwards(left[:rows, known], models, problem) @ inverse)[:, :count]
     white = (left[:rows, known] @ inverse)[:, :count]
     size = np.linalg.norm(white, axis=0)
-    effective = np.where(size > 0.0, np.linalg.norm(G, axis=0) / np.where(size > 0.0, size, 1.0), spread)
+    effective = np.where(
+        size > 0.0, np.linalg.norm(G, axis=0) / np.where(size > 0.0, size, 1.0), lost * models[0][1]
+    )
     covariance = G.T @ G
     if problem.priors:
         assert problem.noise is not None
@@ -74,20 +88,26 @@ def parameter_uncertainty(problem: Problem, point: Floats, residual: Floats) -> 
     loose = np.abs(right[~known][:, :count]).max(axis=0, initial=0.0) > PART_OF_DIRECTION
     covariance[loose, :] = covariance[:, loose] = np.inf
     undetermined = tuple(name for name, is_loose in zip(problem.names, loose, strict=True) if is_loose)
-    return Uncertainty(covariance, np.sqrt(np.diag(covariance)), undetermined, noise, noise_std, effective)
+    return Uncertainty(
+        covariance,
+        np.sqrt(np.diag(covariance)),
+        undetermined,
+        tuple(noise for noise, _ in models),
+        tuple(std / weight for (_, std), weight in zip(models, problem.weights.tolist(), strict=True)),
+        effective,
+    )
 
 
-def _backwards(columns: Floats, noise: Floats, problem: Problem) -> Floats:
-    """Filter each column by 1/D in reversed time, rows that are not used as zeros between."""
-    b = np.zeros_like(noise)
-    b[0] = 1.0
-    filtered, row = np.empty_like(columns), 0
-    for segment in problem.segments:
-        rows = slice(row, row + int(segment.used.sum()))
+def _backwards(columns: Floats, models: list[tuple[Floats, float]], problem: Problem) -> Floats:
+    """Filter each column by sigma/D in reversed time, rows that are not used as zeros between."""
+    filtered = np.empty_like(columns)
+    for rows, segment, output in problem.runs():
+        noise, std = models[output]
+        b = np.zeros_like(noise)
+        b[0] = std
         for column in range(columns.shape[1]):
             signal, out = np.zeros(segment.used.size), np.empty(segment.used.size)
             signal[segment.used] = columns[rows, column]
             polynomial_filter(b, noise, np.ascontiguousarray(signal[::-1]), np.zeros(noise.size - 1), out)
             filtered[rows, column] = out[::-1][segment.used]
-        row = rows.stop
     return filtered

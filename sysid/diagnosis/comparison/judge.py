@@ -100,7 +100,7 @@ def _with_linear_part(fitted: FittedModel) -> "OutputErrorFit | PhysicsFit | Non
 
     if isinstance(fitted, LinearModel):
         return fitted.choice.fit
-    return fitted.fit if isinstance(fitted, PhysicalModel) else None
+    return fitted.plant if isinstance(fitted, PhysicalModel) else None
 
 
 def _with_reversals(location: Location, series: Series, free_run: Floats, fitted: FittedModel) -> Location:

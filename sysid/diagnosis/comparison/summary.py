@@ -21,6 +21,8 @@ WORTH_TELLING = 0.1
 SMALLEST_FLOOR = 1e-4
 # Name of the test between residual and input; with several inputs, their names follow.
 INPUT_RESIDUAL = "input_residual"
+# Start of the names of tests on the size of the residual.
+SIZE = "squared_residual"
 NOWHERE = "the error is spread over time, levels, velocities and frequencies as chance would spread it"
 
 
@@ -88,10 +90,25 @@ def _nonlinear_sentence(comparison: "Comparison") -> str:
     tests = nonlinear_tests_of(comparison)
     # One sentence for several tests: each counts as one of so many looks.
     level = (1.0 - BAND_LEVEL) / max(len(tests), 1)
-    traces = [spoken(name) for name, test in tests.items() if test.p_value < level]
+    traces = [name for name, test in tests.items() if test.p_value < level]
     if not traces:
         return f"No nonlinear trace of input or output is left in the residual on {comparison.judged}."
-    return f"The residual on {comparison.judged} holds nonlinear traces: {'; '.join(traces)}."
+    sizes = [_followed(name) for name in traces if name.startswith(SIZE)]
+    means = [_followed(name) for name in traces if not name.startswith(SIZE)]
+    told = [f"it follows {_all_of(means)}"] if means else []
+    told += [f"its size follows {_all_of(sizes)}"] if sizes else []
+    return f"The residual on {comparison.judged} holds nonlinear traces: {'; '.join(told)}."
+
+
+def _all_of(names: Sequence[str]) -> str:
+    """Join names of which all are meant.
+
+    Examples
+    --------
+    >>> _all_of(["the squared input", "the cubed input", "the squared output"])
+    'the squared input, the cubed input and the squared output'
+    """
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
 
 
 def spoken(name: str) -> str:
@@ -102,11 +119,12 @@ def spoken(name: str) -> str:
     >>> spoken("residual_squared_input")
     'the residual follows the squared input'
     """
-    size = name.startswith("squared_residual")
+    return f"the {'size of the residual' if name.startswith(SIZE) else 'residual'} follows {_followed(name)}"
+
+
+def _followed(name: str) -> str:
     power, _, signal = name.removeprefix("squared_").removeprefix("residual_").partition("_")
-    return (
-        f"the {'size of the residual' if size else 'residual'} follows the {power} {signal.replace('_', ' ')}"
-    )
+    return f"the {power} {signal.replace('_', ' ')}"
 
 
 def _floor_sentence(comparison: "Comparison", judged: SetScore) -> str:

@@ -57,7 +57,7 @@ def chance_at_other_times(residual: Floats, tangent: Floats, change: Floats, slo
     True
     """
     n, Q = residual.size, orthonormal(tangent)
-    r, own = _without(Q, residual), _without(Q, change)
+    own = _without(Q, change)
     size = float(own @ own)
     if size == 0.0:
         return 0.0
@@ -65,14 +65,16 @@ def chance_at_other_times(residual: Floats, tangent: Floats, change: Floats, slo
     lengths = np.linalg.norm(columns, axis=0)
     kept = np.isfinite(lengths) & (lengths > 0.0)
     columns = columns[:, kept] / lengths[kept]
-    least = _explained(r, _without(Q, columns))
+    least = _share(residual, columns, Q)
     larger = others = 0
     for shift in np.unique(np.linspace(NEAREST * n, (1.0 - NEAREST) * n, SHIFTS).astype(int)):
         moved = _without(Q, np.roll(change, shift))
         if float(moved @ own) ** 2 > SAME_MOTION * size * float(moved @ moved):
             continue
         others += 1
-        larger += _explained(r, _without(Q, np.roll(columns, shift, axis=0))) >= least
+        # What the model itself can follow counts at neither time.
+        followed = orthonormal(np.column_stack([tangent, np.roll(tangent, shift, axis=0)]))
+        larger += _share(residual, np.roll(columns, shift, axis=0), followed) >= least
     return (1 + larger) / (1 + others) if others >= FEWEST else 0.0
 
 
@@ -81,8 +83,10 @@ def _without(Q: Floats, columns: Floats) -> Floats:
     return np.asarray(columns - Q @ (Q.T @ columns))
 
 
-def _explained(residual: Floats, columns: Floats) -> float:
-    """Return the sum of squares of a residual that columns explain."""
+def _share(residual: Floats, columns: Floats, Q: Floats) -> float:
+    """Return the share of a residual that columns explain, beyond what an orthonormal basis does."""
+    left, columns = _without(Q, residual), _without(Q, columns)
     values, vectors = np.linalg.eigh(columns.T @ columns)
     kept = values > DEPENDENT * values[-1]
-    return float(np.sum((vectors[:, kept].T @ (columns.T @ residual)) ** 2 / values[kept]))
+    explained = np.sum((vectors[:, kept].T @ (columns.T @ left)) ** 2 / values[kept])
+    return float(explained / max(float(left @ left), 1e-300))

@@ -20,6 +20,7 @@ from sysid.diagnosis.linear.restarts import AGREEMENT, restarted
 from sysid.diagnosis.linear.rows import data_of, for_search, on_record
 from sysid.diagnosis.linear.search import EffectSearch
 from sysid.diagnosis.linear.starts import further_starts
+from sysid.diagnosis.structures.memory import Memory, key_of
 from sysid.diagnosis.structures.structure import WHITE, Choice, StructureFit
 from sysid.errors import DataError, UsageError
 from sysid.linear.output_error import fit_output_error
@@ -79,6 +80,7 @@ class LinearStructure:
         self._data = lru_cache(maxsize=16)(lambda rows: data_of(record, np.frombuffer(rows, dtype=bool)))
         self.order = self._chosen_order() if order is None else order
         self._baselines: dict[bytes, Floats] = {}
+        self._memory = Memory()
 
     def on(self, record: Record) -> "LinearStructure":
         """Return the same structure, of the same order, for another record."""
@@ -162,6 +164,14 @@ class LinearStructure:
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: int
     ) -> StructureFit:
         """Fit the model with these effects, from a fit with fewer, other or the same effects."""
+        return self._memory.recalled(
+            key_of(choices, rows, noise, start, effort),
+            lambda: self._fit(choices, rows, noise, start, effort),
+        )
+
+    def _fit(
+        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: int
+    ) -> StructureFit:
         kept = tuple(c for c in choices if c in start.choices)
         new = [c for c in choices if c not in start.choices]
         if too_many_drives(choices):

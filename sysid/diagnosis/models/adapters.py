@@ -1,8 +1,10 @@
 """Linear and physical models as a comparison sees them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from sysid.data import Record
 from sysid.diagnosis.comparison.scores import finite
@@ -279,3 +281,47 @@ class PhysicalModel(Refitted):
             "fixed": [name for name in self.fit.values if name not in self.fit.names],
             "hold": self.fit.hold,
         }
+
+    @property
+    def plant(self) -> "PhysicsFit":
+        """The fit as the plant of the output that is judged."""
+        return self.fit
+
+
+@dataclass(frozen=True)
+class JointModel(PhysicalModel):
+    """One output of a grey-box model that was fitted to several outputs together.
+
+    Attributes
+    ----------
+    whole : Record or None
+        With all outputs: initial states are estimated from all of them.
+    place : int
+        Which output.
+    """
+
+    whole: Record | None = None
+    place: int = 0
+
+    @property
+    def plant(self) -> "PhysicsFit":
+        """The fit as the plant of the output that is judged."""
+        return self.fit.of_output(self.place)
+
+    def predict(self, record: Record) -> "Prediction":
+        """Predict every row of the output by the final model."""
+        return self._column(self.fit.predict(self.whole or record))
+
+    def predict_held_out(self, record: Record) -> "Prediction":
+        """Predict every row of the output by the model of the estimation rows."""
+        return self._column(self.accepted.predict(self.whole or record, rows=record.estimation))
+
+    def _column(self, prediction: "Prediction") -> "Prediction":
+        free_run, one_step = (
+            np.ascontiguousarray(both[:, self.place]) for both in (prediction.free_run, prediction.one_step)
+        )
+        return replace(prediction, free_run=free_run, one_step=one_step)
+
+    def details(self) -> dict[str, Any]:
+        """Return further which outputs the model was fitted to."""
+        return {**super().details(), "fitted_outputs": list(self.fit.outputs)}

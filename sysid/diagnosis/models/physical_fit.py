@@ -2,13 +2,11 @@
 
 from dataclasses import replace
 
-import numpy as np
-
 from sysid.data import Record
-from sysid.diagnosis.models.adapters import PhysicalModel
-from sysid.diagnosis.models.sensor_zero import fit_with_zero
+from sysid.diagnosis.models.adapters import JointModel, PhysicalModel
+from sysid.diagnosis.models.sensor_zero import fit_with_zero, free_run_rms
 from sysid.diagnosis.physics.hold import SMOOTHER, band_limited
-from sysid.diagnosis.wording import percent
+from sysid.diagnosis.wording import percent, quantity
 from sysid.errors import ModelError
 from sysid.physics import Model, PhysicsFit, fit_physics, refit_physics
 from sysid.progress import Callback, part_of
@@ -49,6 +47,27 @@ def fit_physical(
     return PhysicalModel(fit, accepted, tuple(note for note in (held, zero) if note))
 
 
+def fit_jointly(
+    record: Record,
+    model: Model,
+    initial_state: str,
+    constant: bool | None = None,
+    progress: Callback | None = None,
+) -> tuple[JointModel, ...]:
+    """Fit a physical model to several outputs together; return it once for each of them."""
+    found = fit_physical(record, model, initial_state, constant, progress)
+    left = ", ".join(
+        f"{name} {quantity(size, record.unit(name))}"
+        for name, size in zip(found.fit.outputs, found.fit.rms_of, strict=True)
+    )
+    note = f"The outputs were fitted together, the error of each weighed by what is left of it: {left}."
+    remarks = (note, *found.remarks)
+    return tuple(
+        JointModel(found.fit, found.accepted, remarks, whole=record, place=place)
+        for place in range(len(record.outputs))
+    )
+
+
 def _held_or_smooth(record: Record, held: PhysicsFit) -> tuple[PhysicsFit, str]:
     """Return the fit with the better course of the input between samples, and why it is not held."""
     if not band_limited(record, record.estimation):
@@ -69,7 +88,6 @@ def _held_or_smooth(record: Record, held: PhysicsFit) -> tuple[PhysicsFit, str]:
 
 
 def _held_out_error(record: Record, fit: PhysicsFit) -> float:
-    """Return the root mean square of the free-run error on validation rows, or on those of the fit."""
+    """Return the free-run error on validation rows, or on those of the fit."""
     rows = record.validation if record.validation.any() else record.estimation
-    error = (fit.predict(record, rows=record.estimation).free_run - record.y[:, 0])[rows]
-    return float(np.sqrt(np.mean(error**2)))
+    return free_run_rms(record, fit, rows)

@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.data import Record
-from sysid.diagnosis.wording import quantity
+from sysid.data.record import Mask
+from sysid.diagnosis.wording import percent, quantity
 from sysid.errors import ModelError
 from sysid.physics import Model, PhysicsFit, fit_physics, refit_physics
 from sysid.physics.expressions import symbols
@@ -107,17 +108,29 @@ def _told(record: Record, without: PhysicsFit, near: PhysicsFit, names: tuple[st
 
 def _rms(record: Record, fit: PhysicsFit) -> float:
     """Return the free-run error on the validation rows."""
-    if not record.validation.any():
-        return float("nan")
-    free_run = fit.predict(record, rows=record.estimation).free_run
-    return float(np.sqrt(np.mean((free_run - record.y[:, 0])[record.validation] ** 2)))
+    return free_run_rms(record, fit, record.validation) if record.validation.any() else float("nan")
+
+
+def free_run_rms(record: Record, fit: PhysicsFit, rows: Mask) -> float:
+    """Return the root mean square of the error of a fit of the estimation rows on others.
+
+    Of several outputs it is that relative to the standard deviation of each.
+    """
+    free_run = fit.predict(record, rows=record.estimation).free_run.reshape(record.y.shape)
+    error = (free_run - record.y)[rows]
+    scale = 1.0 if error.shape[1] == 1 else np.maximum(fit.output_std, 1e-300)
+    return float(np.sqrt(np.mean((error / scale) ** 2)))
 
 
 def _note(record: Record, fit: PhysicsFit, without: float, own: float, names: tuple[str, ...]) -> str:
-    unit = record.unit(record.outputs[0])
-    values = ", ".join(quantity(fit.values[name], unit) for name in names)
+    units = [record.unit(output) for output in record.outputs]
+    readings = [quantity(fit.values[name], unit) for name, unit in zip(names, units, strict=True)]
+    reads = f"sensor reads {readings[0]}" if len(names) == 1 else f"sensors read {', '.join(readings)}"
+    before, after = (
+        quantity(rms, units[0]) if len(units) == 1 else f"{percent(rms)} of the signals"
+        for rms in (without, own)
+    )
     return (
-        f"The sensor reads {values} at rest in this model ({', '.join(names)}): with that constant the "
-        f"free-run error on the validation rows is {quantity(own, unit)}, without it "
-        f"{quantity(without, unit)}; --constant no leaves it out."
+        f"The {reads} at rest in this model ({', '.join(names)}): with that constant the free-run error on "
+        f"the validation rows is {after}, without it {before}; --constant no leaves it out."
     )

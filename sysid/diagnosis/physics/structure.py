@@ -32,6 +32,7 @@ from sysid.diagnosis.physics.scatter import is_rugged, scattered
 from sysid.diagnosis.physics.search import Tangent, problem_point, refined
 from sysid.diagnosis.physics.setting import Plant, setting_of
 from sysid.diagnosis.physics.starts import wide_starts
+from sysid.diagnosis.structures.memory import Memory, key_of
 from sysid.diagnosis.structures.structure import WHITE, Choice, StructureFit
 from sysid.errors import IdentifiabilityError, ModelError
 from sysid.physics.forced import ForcedPlant
@@ -165,7 +166,7 @@ class PhysicsStructure:
         return True
 
     def _use(self, plant: Plant) -> None:
-        self.plant = plant
+        self.plant, self._memory = plant, Memory()
         self.setting = setting_of(self.record, self.model, plant, self.free_start)
 
     def _with_path(self, held: StructureFit, name: str, rows: Mask) -> StructureFit:
@@ -226,6 +227,14 @@ class PhysicsStructure:
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: int
     ) -> StructureFit:
         """Fit the model with these effects, from a fit with fewer (or other, or the same) effects."""
+        return self._memory.recalled(
+            key_of(choices, rows, noise, start, effort),
+            lambda: self._fit(choices, rows, noise, start, effort),
+        )
+
+    def _fit(
+        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: int
+    ) -> StructureFit:
         largest = FINE_STEP if effort == 2 else COARSE_STEP
         budget = Budget(BUDGETS[effort] * max(float(rows.sum()) / BUDGET_ROWS, 1.0))
         problem = self._problem(choices, rows, noise, largest, budget)

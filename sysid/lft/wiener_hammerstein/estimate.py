@@ -113,6 +113,6 @@ def fit_wiener_hammerstein(
     interpolation_taps(oversampling)
     search = Multistart(make_segments(record, rows), form)
     check_enough(search.segments, orders, intervals + degree)
-    screening = search.screened(orders, progress) if start is None else Screening(start, 0, True)
+    screening = search.grown(orders, progress) if start is None else Screening(start, 0, True)
     found = refine(search.settled, replace(screening.model, oversampling=oversampling), intervals)
     return fit_of(record, found, screening, intervals)

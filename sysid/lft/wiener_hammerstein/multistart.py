@@ -1,10 +1,13 @@
 """A Wiener-Hammerstein model searched for from many starts."""
 
 from collections.abc import Callable
+from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
 from sysid.data import Record
+from sysid.errors import SysidError
 from sysid.lft.wiener_hammerstein.model import WienerHammerstein
 from sysid.lft.wiener_hammerstein.result import WienerHammersteinFit
 from sysid.lft.wiener_hammerstein.search import Found, Screening, screen
@@ -18,6 +21,9 @@ from sysid.lft.wiener_hammerstein.uncertainty import parameter_covariance
 from sysid.linear.reduction import Segment
 
 Progress = Callable[[int, int], None]
+
+# Up to so many rows and poles a search with given orders grows from smaller ones.
+SHORT_ROWS, GROWN_POLES = 2_000, 8
 
 
 class Multistart:
@@ -49,6 +55,35 @@ class Multistart:
         approximations = [self.approximation(n) for n in (total, total - 1) if n > 0]
         starts = [*extra, *ranked_starts(self.settled, approximations, orders, self.form)]
         return screen(self.settled, starts, progress)
+
+    def grown(self, orders: tuple[int, int], progress: Progress | None = None) -> Screening:
+        """Search as `screened` does, from smaller models too where the record is short.
+
+        A short record tells the linear approximation of high order badly, and its poles lead astray; the
+        ends of searches with one pole less lie near.
+        """
+        rows = sum(int(segment.used.sum()) for segment in self.settled)
+        if rows > SHORT_ROWS or sum(orders) > GROWN_POLES:
+            return self.screened(orders, progress)
+        found: dict[tuple[int, int], Screening] = {}
+        total = (orders[0] + 1) * (orders[1] + 1) - 1
+        for front, back in product(range(orders[0] + 1), range(orders[1] + 1)):
+            if front + back == 0:
+                continue
+            smaller = [found[pair].model for pair in ((front - 1, back), (front, back - 1)) if pair in found]
+            extra = tuple(
+                replace(model, front=model.front.padded(front), back=model.back.padded(back))
+                for model in smaller
+            )
+            try:
+                found[front, back] = self.screened((front, back), None, extra)
+            except SysidError:
+                if (front, back) == orders:
+                    raise
+                continue
+            if progress is not None:
+                progress(len(found), total)
+        return found[orders]
 
 
 def fit_of(record: Record, found: Found, screening: Screening, intervals: int) -> WienerHammersteinFit:
