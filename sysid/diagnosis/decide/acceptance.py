@@ -6,13 +6,14 @@ from sysid.diagnosis.decide.alignment import chance_at_other_times
 from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.evidence import block_separation, chance_of
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
-from sysid.diagnosis.decide.residual_evidence import Evidence
+from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, SEEN_P_VALUE, Evidence
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.structures.structure import WHITE, StructureFit, filtered
 
 # Two candidates are tied when their errors differ by less than so many standard errors.
 TIED = 2.0
-# A further effect must explain this share of what all effects explain, or it is a detail of the first.
+# A further effect must explain this share of what all effects explain, or it is a detail of the first, unless
+# it explains all that was left.
 LEAST_SHARE = 0.01
 # ... unless so many times more than is left after it: a run that is lost without the first dwarfs all else.
 LARGE_STEP = 2.0
@@ -45,16 +46,35 @@ def is_accepted(
         and evidence.own_criterion(trial.fit) < evidence.own_criterion(current)
         and chance_under_own_noise(evidence, trial, current) < evidence.alpha
         and _holds(evidence, trial, current)
-        and chance_off_the_motion(evidence, trial, current) <= MOST_AT_OTHER_TIMES
     )
-    if not agreed or not further:
-        return agreed
-    if evidence.smooth and trial.validation > (1.0 - LEAST_FALL) * evidence.held_out_error(current, WHITE):
+    if not agreed:
+        return False
+    if further and evidence.smooth:
+        if trial.validation > (1.0 - LEAST_FALL) * evidence.held_out_error(current, WHITE):
+            return False
+    elif further and _explains_the_rest(evidence, trial, current, baseline):
+        return True
+    if chance_off_the_motion(evidence, trial, current) > MOST_AT_OTHER_TIMES:
         return False
     left = evidence.cost(trial.fit, WHITE_NOISE)
     whole = evidence.cost(baseline, WHITE_NOISE) - left
     step = evidence.cost(current, WHITE_NOISE) - left
-    return step > min(LEAST_SHARE * whole, LARGE_STEP * left)
+    return not further or step > min(LEAST_SHARE * whole, LARGE_STEP * left)
+
+
+def _explains_the_rest(
+    evidence: Evidence, trial: Trial, current: StructureFit, baseline: StructureFit
+) -> bool:
+    """Tell whether something was clearly left before, and nothing but white noise is now.
+
+    A form with more freedom can do most of what a second effect does, and the motion need not tell: an
+    offset is the same at any time.  A detail of an effect that is not there leaves something itself.
+    """
+    assert trial.fit is not None
+    if trial.noise.order > 0:
+        return False
+    before, after = (evidence.left(baseline, fit, evidence.rows)[0] for fit in (current, trial.fit))
+    return before < LEFT_P_VALUE and after >= SEEN_P_VALUE
 
 
 def is_significant(evidence: Evidence, trial: Trial) -> bool:

@@ -7,16 +7,23 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from sysid.data.record import Mask
-from sysid.diagnosis.decide.acceptance import is_accepted, is_better_held_out, is_significant
+from sysid.diagnosis.decide.acceptance import (
+    chance_under_own_noise,
+    is_accepted,
+    is_better_held_out,
+    is_significant,
+)
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
+from sysid.diagnosis.decide.evidence import ScoreScreen
 from sysid.diagnosis.decide.growth import Grown, Growth
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
 from sysid.diagnosis.decide.ranking import with_every_candidate
 from sysid.diagnosis.decide.refinement import refined
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, Evidence, interleaved
+from sysid.diagnosis.decide.revision import exchanged
 from sysid.diagnosis.decide.rungs import rungs_to
 from sysid.diagnosis.decide.trials import POLISHED, Trials
-from sysid.diagnosis.decide.verdict import Judge, leaves_a_trace
+from sysid.diagnosis.decide.verdict import Judge, explains_most, leaves_a_trace
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.structures.structure import WHITE, Structure, StructureFit
 from sysid.progress import Progress
@@ -27,8 +34,8 @@ SETTLINGS = 2
 RUNNERS_UP, BESIDE_RUNNER_UP = 2, 4
 # The input's other course is worth a search if it lowers the squared error, all else refitted, to this share.
 CLOSER = 0.9
-# To how many of the others the one that leaves the least is added.
-PAIRED = 8
+# To how many of the others the one that leaves the least is added with care.
+PAIRED = 3
 
 
 @runtime_checkable
@@ -171,7 +178,8 @@ class Attempt:
 
     def decided(self) -> Decision:
         """Grow a model from the baseline and judge it; start otherwise where that leaves something."""
-        baseline = self.evidence.structure.baseline(self.evidence.rows)
+        with self.trials.bars.task("the model without effects, from several starts", None):
+            baseline = self.evidence.structure.baseline(self.evidence.rows)
         if not baseline.restarts_agree:
             unknown, noise = float("nan"), self.evidence.noise(baseline)
             return Decision("not-identifiable", baseline, (), (), (), (), noise, 1.0, 0.0, unknown)
@@ -239,59 +247,96 @@ class Attempt:
 
         Alone, a look-alike can explain more than either of two effects that together explain everything.
         """
-        evidence, baseline = self.evidence, decision.baseline
         for pair in self._pairs(trials):
-            if not is_better_held_out(evidence, pair, decision.final):
+            if not is_better_held_out(self.evidence, pair, decision.final):
                 continue
-            rungs = rungs_to(evidence.structure, evidence.rows, pair, baseline, len(self.growth.given))
-            other = self.judge.verdict(baseline, rungs, trials, ())
+            other = self._judged_pair(decision, pair, trials)
+            if other.verdict == "unexplained" and explains_most(other.left_share):
+                # The first was fitted without the second: search it again beside it.
+                again = exchanged(self.trials, pair, len(self.growth.given))
+                other = self._judged_pair(decision, again, trials) if again is not pair else other
             # Found at a second attempt it must leave not even a trace.
             if other.verdict != "unexplained" and not leaves_a_trace(other):
                 return other
         return decision
 
+    def _judged_pair(self, decision: Decision, pair: StructureFit, trials: tuple[Trial, ...]) -> Decision:
+        evidence, baseline = self.evidence, decision.baseline
+        rungs = rungs_to(evidence.structure, evidence.rows, pair, baseline, len(self.growth.given))
+        return self.judge.verdict(baseline, rungs, trials, ())
+
     def _pairs(self, trials: tuple[Trial, ...]) -> Iterator[StructureFit]:
         """Yield pairs of effects to which the leader does not lead, the quickly found ones first.
 
-        The one that leaves the least by its own noise is added to each of the others: beside what is
-        nearly right it is fitted as itself, where alone it stands in for something else, as do others
-        beside it.  Then the runners-up, each with what is best beside it.
+        Those that leave the least are added to each of the others: beside what is nearly right an effect is
+        fitted as itself, where alone it stands in for something else, as do others beside it.  Then the
+        runners-up, each with what is best beside it.
         """
         evidence = self.evidence
-        worth = [trial for trial in trials if trial.fit is not None and is_significant(evidence, trial)]
-        paired = self._with_likeliest(worth)
-        if paired is not None:
-            yield paired
-        for trial in worth:
-            if trial.fit is None or trial not in trials[1 : 1 + RUNNERS_UP]:
+        fits = {trial.name: trial.fit for trial in trials if trial.fit is not None}
+        if len(fits) > 1:
+            by_noise = min(fits, key=lambda name: evidence.own_criterion(fits[name]))
+            by_error = min(fits, key=lambda name: evidence.cost(fits[name], WHITE_NOISE))
+            for name in dict.fromkeys((by_noise, by_error)):
+                pair = self._best_with(name, [fit for other, fit in fits.items() if other != name])
+                if pair is not None:
+                    yield pair
+        for trial in trials[1 : 1 + RUNNERS_UP]:
+            if trial.fit is None or not is_significant(evidence, trial):
                 continue
             found = self.trials.beside(trial.fit, True, BESIDE_RUNNER_UP)
             if found and found[0].fit is not None and found[0].gain > 0.0:
                 yield found[0].fit
 
-    def _with_likeliest(self, trials: Sequence[Trial]) -> StructureFit | None:
-        """Return the best pair of one of these with the one that leaves the least by its own noise."""
-        own = [
-            (self.evidence.own_criterion(trial.fit), trial.name, trial.fit) for trial in trials if trial.fit
-        ]
-        if len(own) < 2:
-            return None
-        name = min(own, key=lambda item: item[0])[1]
-        (likeliest,) = (effect for effect in self.trials.candidates if effect.name == name)
-        others = [fit for _, other, fit in own if other != name][:PAIRED]
-        pairs = [
-            self.trials.best_form(fit, likeliest, likeliest.found_by, WHITE_NOISE, 2).fit for fit in others
-        ]
-        return min((fit for fit in pairs if fit), key=self.evidence.own_criterion, default=None)
+    def _best_with(self, name: str, fits: Sequence[StructureFit]) -> StructureFit | None:
+        """Return the best of some fits with one more effect, the leading ones searched with more care."""
+        (effect,) = (effect for effect in self.trials.candidates if effect.name == name)
+
+        def added(fit: StructureFit, effort: int) -> StructureFit | None:
+            forms = effect.found_by if effort > 1 else effect.found_by[:1]
+            return self.trials.best_form(fit, effect, forms, WHITE_NOISE, effort).fit
+
+        def left(pair: StructureFit | None) -> float:
+            return np.inf if pair is None else self.evidence.own_criterion(pair)
+
+        leading = sorted(fits, key=lambda fit: left(added(fit, 1)))[:PAIRED]
+        return min((added(fit, 2) for fit in leading), key=left, default=None)
 
     def settled(self, decision: Decision) -> Decision:
-        """Return a decision whose leading candidates are refitted under the colour of their own residuals.
+        """Return a decision whose leading candidates stand by the colour of their own residuals.
 
         They were weighted by the colour of what is left without them: no minima of their own likelihoods, so
-        that their parameters would be off by more than their standard errors.
+        that their parameters would be off by more than their standard errors, and their p-values too small
+        under slow noise.  What explains less than all of them is no less likely by chance.
         """
-        leading = [self._settled(trial) for trial in decision.trials[:POLISHED]]
-        return replace(decision, trials=(*leading, *decision.trials[POLISHED:]))
+        n_given = len(decision.given)
+        before = decision.fits[n_given - 1] if n_given else decision.baseline
+        leading = [self._settled(trial) for trial in self._by_own_noise(decision.trials[:POLISHED], before)]
+        least = min((trial.p_value for trial in leading if trial.fit is not None), default=0.0)
+        others = [replace(trial, p_value=max(trial.p_value, least)) for trial in decision.trials[POLISHED:]]
+        return replace(decision, trials=(*leading, *others))
+
+    def _by_own_noise(self, trials: Sequence[Trial], before: StructureFit) -> list[Trial]:
+        """Return trials with the chance that they explain as much under noise as slow as it is.
+
+        Where the bound on that chance says that nothing is missing, all of the residual is noise, so that
+        its colour is known and the distribution of the largest score can be had without a bound.
+        """
+        evidence, found = self.evidence, []
+        screen: ScoreScreen | None = None
+        for trial in trials:
+            if trial.fit is None or trial.noise.order == 0:
+                found.append(trial)
+                continue
+            chance = chance_under_own_noise(evidence, trial, before)
+            if chance >= evidence.alpha:
+                if screen is None:
+                    noise = evidence.noise(before)
+                    candidates = [e for e in self.trials.candidates if e.name not in before.names]
+                    screen = self.trials.screen(evidence.refitted(before, noise), candidates, noise)
+                chance = min(chance, screen.p_value(screen.statistics[trial.name]))
+            found.append(replace(trial, p_value=max(trial.p_value, chance)))
+        return found
 
     def _settled(self, trial: Trial) -> Trial:
         structure, rows = self.evidence.structure, self.evidence.rows

@@ -6,7 +6,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from sysid.data.record import Mask
-from sysid.diagnosis.decide.evidence import orthonormal, remainder
+from sysid.diagnosis.decide.evidence import excess_in_blocks, orthonormal, remainder
 from sysid.diagnosis.decide.noise_colour import LARGEST_ORDER, Noise, noise_of
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.structures.structure import WHITE, Structure, StructureFit, filtered
@@ -17,6 +17,8 @@ SEEN_P_VALUE = 1e-2
 LEFT_P_VALUE = 1e-5
 # Held-out innovations larger than those of the search by this factor, beyond chance, show something else.
 DISAGREEMENT = 1.3
+# It shows in more than one place when blocks of them exceed those of the search by so many standard errors.
+EXCESS = 2.0
 # Then learning rows are cut into so many blocks, of which every third is held out: short ones, for what
 # happens within a block that is held out, such as a step of the gain, cannot be placed in it.
 INTERLEAVED = 30
@@ -143,7 +145,10 @@ class Evidence:
         if not inside.size or not outside.size:
             return False
         ratio = float(np.mean(outside**2)) / max(float(np.mean(inside**2)), 1e-300)
-        return ratio > DISAGREEMENT and float(fdtrc(outside.size, inside.size, ratio)) < LEFT_P_VALUE
+        by_chance = float(fdtrc(outside.size, inside.size, ratio))
+        return (
+            ratio > DISAGREEMENT and by_chance < LEFT_P_VALUE and excess_in_blocks(inside, outside) > EXCESS
+        )
 
     def noise_accepted(self, fit: StructureFit, noise: Noise) -> bool:
         """Tell whether the residual's memory is real: on held-out rows it must lower the innovations."""

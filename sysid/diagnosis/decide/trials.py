@@ -66,7 +66,7 @@ class Trials:
         chosen = [
             e
             for i, e in enumerate(ranking)
-            if i < count or (lost and e.port == "force") or self._without_slope(e, current)
+            if i < count or (lost and may_hold(e)) or self._without_slope(e, current)
         ]
         trials = self.ranked(current, chosen, colour)
         left = [Trial(e.name, None, WHITE_NOISE, np.inf, -np.inf) for e in ranking if e not in chosen]
@@ -108,7 +108,7 @@ class Trials:
             simple = [form for form in effect.found_by if flow or len(form.parameters) <= size]
             return self.best_form(current, effect, simple, noise, 1)
 
-        blind = {e.name for e in candidates if e.port == "force"} if self._lost(current) else set()
+        blind = {e.name for e in candidates if may_hold(e)} if self._lost(current) else set()
         beside = f" beside {' and '.join(current.names)}" if current.choices else ""
         tried = self._each(f"candidates{beside}", simply, candidates)
         found = {trial.name: trial for trial in tried}
@@ -204,3 +204,8 @@ class Trials:
         tangent = white(self.evidence.structure.tangent(current))
         rng = np.random.default_rng([self.seed, len(current.choices)])
         return score_screen(white(self.evidence.residual(current)), tangent, directions, noise.variance, rng)
+
+
+def may_hold(effect: Effect) -> bool:
+    """Tell whether an effect is a force that could keep a body where it was measured: friction does not."""
+    return effect.port == "force" and not effect.dry and not any(form.state for form in effect.forms)

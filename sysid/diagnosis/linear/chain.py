@@ -163,10 +163,7 @@ class Chain:
 
     def run(self, data: Data, point: Floats) -> Run | None:
         """Simulate; None if it diverges."""
-        places = self.places(data)
-        x = data.u
-        for i in self.at["input"]:
-            x = data.by_experiment(_map(self.choices[i]), x, point[places[i]])
+        places, x = self.places(data), self.mapped(data, point)
         z, v = np.empty_like(x), np.empty_like(x)
         if not self._simulated(data, point, x, z, v):
             return None
@@ -177,6 +174,13 @@ class Chain:
         for i in self.at["output"]:
             outputs.append(data.by_experiment(_map(self.choices[i]), outputs[-1], point[places[i]]))
         return Run(x, v, z, tuple(outputs))
+
+    def mapped(self, data: Data, point: Floats) -> Floats:
+        """Return the input after its maps."""
+        x = data.u
+        for i in self.at["input"]:
+            x = data.by_experiment(_map(self.choices[i]), x, point[self.places(data)[i]])
+        return x
 
     def _simulated(self, data: Data, point: Floats, x: Floats, z: Floats, v: Floats) -> bool:
         n, starts = self.order, self._starts(data, point)
@@ -285,11 +289,9 @@ class Chain:
                     continue
 
                 def mapped(value: float, row: int = row) -> Floats:
-                    shifted, x = point.copy(), data.u
+                    shifted = point.copy()
                     shifted[row] = value
-                    for j in self.at["input"]:
-                        x = data.by_experiment(_map(self.choices[j]), x, shifted[self.places(data)[j]])
-                    return x
+                    return self.mapped(data, shifted)
 
                 found.append((row, _quotient(mapped, point[row], self._is_strength(i, row - place.start))))
         return found

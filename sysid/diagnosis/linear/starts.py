@@ -3,7 +3,7 @@
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.linear.chain import Chain, Data
+from sysid.diagnosis.linear.chain import DRIVING, Chain, Data, Run
 from sysid.diagnosis.linear.kernels import is_stable, simulate
 from sysid.diagnosis.linear.levenberg import minimise
 from sysid.diagnosis.linear.sign_retrieval import retrieved_signs
@@ -18,7 +18,8 @@ REFILTERED = 4
 def further_starts(chain: Chain, data: Data, point: Floats) -> list[Floats]:
     """Return further starts for the last effect: of the parameters before its own, or of all."""
     choice = chain.choices[-1]
-    if choice.effect.port in ("force", "gain") and len(chain.drives) == 1:
+    port, alone = choice.effect.port, len(chain.drives) == 1
+    if (port in DRIVING and alone) or (port == "input" and not choice.form.shapes and not chain.drives):
         return _by_equation_error(chain, data, point)
     if choice.name == "out_rectify" and choice.form.name == "full-wave":
         return _with_signs(chain, data, point)
@@ -66,23 +67,23 @@ def _fit(chain: Chain, data: Data, point: Floats, y: Floats) -> Floats | None:
 
 
 def _by_equation_error(chain: Chain, data: Data, point: Floats) -> list[Floats]:
-    """Return starts for a force or gain by regression, the measured output in place of the modelled one.
+    """Return starts for a force, gain or input map by regression, the output in it as it was measured.
 
-    The regression is linear in the coefficients and in the strength times them, so it has no local minimum.
+    The regression is linear in the coefficients and in the strengths times them, so it has no local minimum.
     Filtering by the last 1/A lessens what the noise does to it; a constant and a drift are taken along.
 
     Source: Steiglitz & McBride (1965), IEEE Transactions on Automatic Control 10.
     """
     form, n, place = chain.choices[-1].form, chain.order, chain.places(data)[-1]
     strengths = [place.start + i for i, p in enumerate(form.parameters) if p.is_strength]
-    if len(strengths) != 1:
+    if not strengths:
         return []
     middle = [grid[grid.size // 2] for grid in form.starts(data.u, data.y[data.used], data.period)]
     own = np.zeros(len(form.parameters))
     own[list(form.shapes)] = middle
     whole = np.concatenate([point, own])
-    unit = whole.copy()
-    unit[strengths] = 1.0
+    units = np.tile(whole, (len(strengths), 1))
+    units[np.arange(len(strengths)), strengths] = 1.0
     run = chain.run(data, whole)
     if run is None:
         return []
@@ -91,13 +92,13 @@ def _by_equation_error(chain: Chain, data: Data, point: Floats) -> list[Floats]:
     for seen in (measured, run.z):
         a, current = np.zeros(n), seen
         for step in range(REFILTERED):
-            felt = chain.felt(data, unit, run.x, current) - run.x
+            felt = [_added_by(chain, data, unit, run, current) for unit in units]
             found = _regressed(data, n, a, measured, run.x, felt)
             if found is None:
                 break
-            coefficients, strength = found
             start = whole.copy()
-            start[: 2 * n], start[strengths] = coefficients, strength
+            start[: 2 * n], start[strengths] = found
+            coefficients = found[0]
             a = coefficients[:n] if is_stable(coefficients[:n]) else a
             simulated = chain.run(data, start)
             if simulated is None:
@@ -108,6 +109,13 @@ def _by_equation_error(chain: Chain, data: Data, point: Floats) -> list[Floats]:
     return starts
 
 
+def _added_by(chain: Chain, data: Data, unit: Floats, run: Run, z: Floats) -> Floats:
+    """Return what the last effect adds to the input with its strength at one, if the output were ``z``."""
+    if chain.drives:
+        return chain.felt(data, unit, run.x, z) - run.x
+    return chain.mapped(data, unit) - run.x
+
+
 def with_regressed_coefficients(chain: Chain, data: Data, whole: Floats) -> Floats | None:
     """Return a point with a and b from the equation error, the effects held as they are."""
     run, n = chain.run(data, whole), chain.order
@@ -116,7 +124,7 @@ def with_regressed_coefficients(chain: Chain, data: Data, whole: Floats) -> Floa
     measured = np.where(data.used, data.y - (run.y - run.z), run.z)
     a, start = np.zeros(n), whole.copy()
     for _ in range(REFILTERED - 1):
-        found = _regressed(data, n, a, measured, run.v, None)
+        found = _regressed(data, n, a, measured, run.v, [])
         if found is None or not is_stable(found[0][:n]):
             break
         start[: 2 * n], a = found[0], found[0][:n]
@@ -124,11 +132,10 @@ def with_regressed_coefficients(chain: Chain, data: Data, whole: Floats) -> Floa
 
 
 def _regressed(
-    data: Data, n: int, a: Floats, z: Floats, x: Floats, felt: Floats | None
-) -> tuple[Floats, float] | None:
-    """Return a, b and the strength from the equation error, all signals filtered by 1/A first."""
-    inputs = [x] if felt is None else [x, felt]
-    signals = [z, *inputs, np.ones(z.size), np.arange(z.size) / z.size]
+    data: Data, n: int, a: Floats, z: Floats, x: Floats, felt: list[Floats]
+) -> tuple[Floats, list[float]] | None:
+    """Return a, b and the strengths from the equation error, all signals filtered by 1/A first."""
+    signals = [z, x, *felt, np.ones(z.size), np.arange(z.size) / z.size]
     rows = [data.by_experiment(lambda s, p, T: _all_pole(s, a), signal, a) for signal in signals]
     columns = [data.lagged(-rows[0], i) for i in range(1, n + 1)]
     columns += [data.lagged(row, i) for row in rows[1:-2] for i in range(1, n + 1)]
@@ -137,9 +144,8 @@ def _regressed(
     if not np.isfinite(size).all() or (size == 0.0).any():
         return None
     found = np.linalg.lstsq(X / size, rows[0][data.used], rcond=1e-10)[0] / size
-    b, d = found[n : 2 * n], found[2 * n : 3 * n]
-    strength = 0.0 if felt is None else float(b @ d / max(float(b @ b), 1e-300))
-    return found[: 2 * n], strength
+    b, *scaled = found[n : (2 + len(felt)) * n].reshape(-1, n)
+    return found[: 2 * n], [float(b @ d) / max(float(b @ b), 1e-300) for d in scaled]
 
 
 def _all_pole(signal: Floats, a: Floats) -> Floats:
