@@ -7,7 +7,7 @@ from sysid.data import make_record
 from sysid.diagnosis.diagnose import structure_of
 from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.structures.cells import Cells, cells_of, inside_cells
-from sysid.diagnosis.structures.structure import WHITE, Choice
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort
 
 
 def quantised_line(rng, step, noise, n=400):
@@ -65,7 +65,7 @@ def test_the_output_behind_a_quantiser_is_found_for_a_difference_equation_and_a_
     (quantiser,) = find_effects(["out_quantisation"])
     rows = record.learning
     fit = structure.fit(
-        [Choice(quantiser, quantiser.forms[0])], rows, WHITE, structure.baseline(rows), effort=2
+        [Choice(quantiser, quantiser.forms[0])], rows, WHITE, structure.baseline(rows), effort=Effort.FINE
     )
     fit = structure.finish(fit, WHITE)
     # One row of 600 in another cell would be an error of step / 24; a fit by slopes alone has several.

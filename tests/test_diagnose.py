@@ -17,7 +17,7 @@ from sysid.diagnosis.decide.residual_evidence import interleaved
 from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.export.saved import SavedModel, load, save, saved_model
 from sysid.diagnosis.linear.structure import LinearStructure
-from sysid.diagnosis.structures.structure import Structure
+from sysid.diagnosis.structures.structure import Effort, Structure
 from sysid.errors import DataError, UsageError
 
 FEW = [
@@ -84,7 +84,7 @@ class RefitsDiverge(LinearStructure):
 
     def fit(self, choices, rows, noise, start, *, effort):
         found = super().fit(choices, rows, noise, start, effort=effort)
-        if effort == 0 and choices:
+        if effort is Effort.REFIT and choices:
             test = self.record.split == "test"
             found = replace(found, output=np.where(test, np.inf, found.output))
         return found
@@ -282,7 +282,7 @@ def test_the_best_candidate_stands_where_its_own_likelihood_is_largest():
     best = found.decision.trials[0]
     noise = best.noise.polynomial
     finished = found.structure.finish(best.fit, noise)
-    again = found.structure.fit(best.fit.choices, best.fit.rows, noise, best.fit, effort=0)
+    again = found.structure.fit(best.fit.choices, best.fit.rows, noise, best.fit, effort=Effort.REFIT)
     for ours, moved in zip(finished.parameters, again.parameters, strict=True):
         assert abs(ours.value - moved.value) < 0.05 * ours.std_error
     assert abs(finished.parameters_of("in_saturation")[0].value - 1.0) < (

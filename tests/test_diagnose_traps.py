@@ -13,7 +13,7 @@ from sysid.diagnosis.decide.trials import Trials, may_hold
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.linear.structure import LinearStructure
-from sysid.diagnosis.structures.structure import WHITE, Choice
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort
 from sysid.progress import Progress
 
 PERIOD = 0.05
@@ -159,8 +159,8 @@ def test_a_tie_ends_with_the_effect_it_began_with():
     rows = structure.record.estimation
     saturation, offset = (Choice(e, e.forms[0]) for e in find_effects(["in_saturation", "out_quadratic"]))
     baseline = structure.baseline(rows)
-    one = structure.fit((saturation,), rows, WHITE, baseline, effort=1)
-    two = structure.fit((saturation, offset), rows, WHITE, one, effort=1)
+    one = structure.fit((saturation,), rows, WHITE, baseline, effort=Effort.COARSE)
+    two = structure.fit((saturation, offset), rows, WHITE, one, effort=Effort.COARSE)
     record = structure.record
     trials = Trials(Evidence(structure, rows, record.validation, 0.01), (), 0, 1, Progress())
     assert still_tied(trials, one, ("in_saturation", "in_relay")) == ("in_saturation", "in_relay")

@@ -6,7 +6,7 @@ from sysid.data import make_record
 from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.experiment import Responding, separating_experiment
 from sysid.diagnosis.linear.structure import LinearStructure
-from sysid.diagnosis.structures.structure import WHITE, Choice
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort
 
 
 def test_a_small_signal_record_gets_a_larger_one():
@@ -21,7 +21,7 @@ def test_a_small_signal_record_gets_a_larger_one():
     rows = record.learning
     base = structure.baseline(rows)
     fits = [
-        structure.fit([Choice(effect, effect.forms[0])], rows, WHITE, base, effort=2)
+        structure.fit([Choice(effect, effect.forms[0])], rows, WHITE, base, effort=Effort.FINE)
         for effect in find_effects(["in_saturation", "cubic_stiffness"])
     ]
     found = separating_experiment(structure, fits[0], fits[1], record.u[:, 0], 0.02)

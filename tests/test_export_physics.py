@@ -9,7 +9,7 @@ from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.export.saved import load, save, saved_model
 from sysid.diagnosis.export.saved_physics import SavedPhysicalModel
 from sysid.diagnosis.ladder import DiagnosedModel
-from sysid.diagnosis.structures.structure import Choice
+from sysid.diagnosis.structures.structure import Choice, Effort
 from sysid.errors import DataError, ModelError
 from sysid.physics import load_model
 from sysid.physics.reading import model_names, read_model
@@ -78,7 +78,7 @@ def test_a_fitted_model_is_saved_as_it_simulates(tmp_path):
     rows = record.learning
     (effect,) = find_effects(["coulomb"])
     baseline = structure.baseline(rows)
-    fit = structure.fit([Choice(effect, effect.forms[0])], rows, np.ones(1), baseline, effort=1)
+    fit = structure.fit([Choice(effect, effect.forms[0])], rows, np.ones(1), baseline, effort=Effort.COARSE)
     model = DiagnosedModel(structure, fit)
     file = tmp_path / "model.toml"
     save(model, file)

@@ -9,7 +9,7 @@ from sysid.diagnosis.linear.chain import Chain, Data
 from sysid.diagnosis.linear.kernels import chosen_filtered, is_stable
 from sysid.diagnosis.linear.levenberg import minimise
 from sysid.diagnosis.linear.structure import LinearStructure
-from sysid.diagnosis.structures.structure import WHITE, Choice, filtered
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, filtered
 from sysid.diagnosis.structures.whitening import opening
 
 A, B = np.array([-1.4, 0.6]), np.array([0.3, -0.1])
@@ -177,7 +177,9 @@ def test_a_fit_finds_the_effect_it_is_given(name, form, values):
     noise_free = chain.run(data, truth).y
     record = make_record(data.u, noise_free + 0.01 * np.std(noise_free) * data.y, period=0.5)
     structure = LinearStructure(record, 2, initial_state="rest")
-    fit = structure.fit([picked], record.learning, WHITE, structure.baseline(record.learning), effort=2)
+    fit = structure.fit(
+        [picked], record.learning, WHITE, structure.baseline(record.learning), effort=Effort.FINE
+    )
     # One percent of noise: the error left must be that noise, not a local minimum (a factor of at least 2).
     assert np.sqrt(fit.cost / 900) < 1.03 * 0.01 * np.std(noise_free)
     if name == "extra_mode":
@@ -199,7 +201,7 @@ def test_standard_errors_are_those_of_repeated_records():
         record = make_record(data.u, y, period=0.5)
         structure = LinearStructure(record, 2, initial_state="rest")
         rows = record.learning
-        fit = structure.fit([picked], rows, WHITE, structure.baseline(rows), effort=1)
+        fit = structure.fit([picked], rows, WHITE, structure.baseline(rows), effort=Effort.COARSE)
         (width,) = structure.finish(fit, WHITE).parameters_of("in_deadzone")
         deviations.append((width.value - 0.3) / width.std_error)
     assert 0.5 < np.mean(np.square(deviations)) < 1.7

@@ -10,7 +10,7 @@ from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.linear.modes import errors_over_minima
 from sysid.diagnosis.linear.parameters import standard_errors
 from sysid.diagnosis.physics.descents import agree, nearly_agree
-from sysid.diagnosis.structures.structure import WHITE, Choice, FittedParameter, StructureFit
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, FittedParameter, StructureFit
 from sysid.separable.descent import Minimum, Residual, Status
 
 
@@ -38,7 +38,7 @@ def test_a_delay_that_a_tap_can_stand_for_is_as_uncertain_as_the_sample():
     record = make_record(u, y, period=1.0, split=np.repeat(["est", "test"], [500, 100]))
     structure = structure_of(record, "linear", 2, "rest")
     rows = record.learning
-    fit = structure.fit([choice("in_delay")], rows, WHITE, structure.baseline(rows), effort=2)
+    fit = structure.fit([choice("in_delay")], rows, WHITE, structure.baseline(rows), effort=Effort.FINE)
     (found,) = structure.finish(fit, WHITE).parameters_of("in_delay")
     # Two equal taps are a delay of 3.5 with b2 = 0, one of 2.5 with b1 = 0, and one of 3 with b1 = b2.
     assert min(abs(found.value - place) for place in (2.5, 3.0, 3.5)) < 0.1
@@ -53,7 +53,7 @@ def test_one_minimum_keeps_its_standard_errors():
     record = make_record(u, y, period=1.0, split=np.repeat(["est", "test"], [500, 100]))
     structure = structure_of(record, "linear", 2, "rest")
     rows = record.learning
-    fit = structure.fit([choice("in_saturation")], rows, WHITE, structure.baseline(rows), effort=2)
+    fit = structure.fit([choice("in_saturation")], rows, WHITE, structure.baseline(rows), effort=Effort.FINE)
     chain, data = structure.chain(fit.choices), structure.data(rows)
     errors = standard_errors(chain, data, fit.point, WHITE, fit.cost)
     again = errors_over_minima(chain, data, fit.point, WHITE, fit.cost, fit.cost / 495.0, errors)

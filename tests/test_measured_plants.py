@@ -12,7 +12,7 @@ from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.linear.sign_retrieval import retrieved_signs
 from sysid.diagnosis.linear.structure import LinearStructure
 from sysid.diagnosis.physics.structure import PhysicsStructure
-from sysid.diagnosis.structures.structure import WHITE, Choice
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort
 from sysid.physics import load_model
 
 SPLIT = ("est", "test")
@@ -159,7 +159,7 @@ def test_the_law_of_the_hysteretic_oscillator_is_fitted_under_a_sampled_force():
     choice, held_cost = Choice(effect, effect.form("Bouc-Wen")), baseline.cost
     assert structure.plant.hold == "zero"
     assert structure.held_or_smooth()
-    fit = structure.fit([choice], rows, WHITE, structure.baseline(rows), effort=2)
+    fit = structure.fit([choice], rows, WHITE, structure.baseline(rows), effort=Effort.FINE)
     # The noise's share of the error of the baseline, and as much again for the course between samples.
     assert fit.cost < 2.0 * rows.sum() * 8e-6**2 < 0.02 * held_cost
     values = {p.name: p.value for p in fit.parameters_of("hysteresis_force")}

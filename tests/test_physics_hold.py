@@ -12,7 +12,7 @@ from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.models.resolution import fit_model, resolve_model
 from sysid.diagnosis.physics.structure import PhysicsStructure
 from sysid.diagnosis.ports import explore_ports
-from sysid.diagnosis.structures.structure import WHITE, Choice
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort
 from sysid.errors import UsageError
 from sysid.physics import fit_physics, load_model, refit_physics
 from sysid.physics.hold import PIECES, refined
@@ -145,12 +145,12 @@ def test_a_fit_that_is_asked_for_again_is_not_made_again():
     baseline = structure.baseline(rows)
     (effect,) = structure.offered(find_effects(["out_offset"]))
     choice = Choice(effect, effect.forms[0])
-    fit = structure.fit([choice], rows, WHITE, baseline, effort=1)
-    assert structure.fit([choice], rows, WHITE, baseline, effort=1) is fit
-    assert structure.fit([choice], rows, np.array([1.0, -0.5]), baseline, effort=1) is not fit
-    assert structure.fit([choice], rows, WHITE, baseline, effort=2) is not fit
+    fit = structure.fit([choice], rows, WHITE, baseline, effort=Effort.COARSE)
+    assert structure.fit([choice], rows, WHITE, baseline, effort=Effort.COARSE) is fit
+    assert structure.fit([choice], rows, np.array([1.0, -0.5]), baseline, effort=Effort.COARSE) is not fit
+    assert structure.fit([choice], rows, WHITE, baseline, effort=Effort.FINE) is not fit
     assert structure.held_or_smooth()  # from now on another model
-    assert structure.fit([choice], rows, WHITE, baseline, effort=1).cost != fit.cost
+    assert structure.fit([choice], rows, WHITE, baseline, effort=Effort.COARSE).cost != fit.cost
 
 
 def test_a_band_limited_input_that_was_held_stays_held():

@@ -15,7 +15,7 @@ from sysid.diagnosis.physics.hold import band_limited
 from sysid.diagnosis.physics.problem import Problem, problem_of
 from sysid.diagnosis.physics.search import shape_values
 from sysid.diagnosis.physics.structure import PhysicsStructure
-from sysid.diagnosis.structures.structure import Choice, filtered
+from sysid.diagnosis.structures.structure import Choice, Effort, filtered
 from sysid.errors import IdentifiabilityError
 from sysid.physics import load_model
 from sysid.physics.reading import read_model
@@ -70,7 +70,9 @@ def test_the_hidden_effect_fits_to_the_noise_and_best(family, name, parameters):
     rivals = find_effects(["in_saturation", "in_deadzone", "out_saturation", "out_offset", "op_gain", name])
     costs = {}
     for effect in found.offered(rivals):
-        fits = [found.fit([Choice(effect, f)], rows, WHITE, baseline, effort=1) for f in effect.forms]
+        fits = [
+            found.fit([Choice(effect, f)], rows, WHITE, baseline, effort=Effort.COARSE) for f in effect.forms
+        ]
         costs[effect.name] = min(fit.cost for fit in fits)
     assert min(costs, key=costs.get) == name
     # 700 rows: the mean square of the noise lies within 5.4 % of its variance with one chance in 20.
@@ -83,7 +85,7 @@ def test_intervals_cover_the_true_parameters():
     for seed in range(12):
         found, _ = structure("dc-motor", "coulomb", {"friction": 0.3}, seed=seed)
         rows = found.record.learning
-        fit = found.fit([choice("coulomb")], rows, WHITE, found.baseline(rows), effort=1)
+        fit = found.fit([choice("coulomb")], rows, WHITE, found.baseline(rows), effort=Effort.COARSE)
         for p in found.finish(fit, WHITE).parameters:
             covered.append(abs(p.value - truth[p.name]) < 1.96 * p.std_error)
     # Of 48 intervals of 95 % fewer than 40 cover with a chance near 1e-3.
@@ -136,20 +138,23 @@ def test_a_fit_whose_steps_are_spent_stops_and_says_so(monkeypatch):
     rows = found.record.estimation
     base = found.baseline(rows)
     monkeypatch.setattr(physics_structure, "BUDGETS", (1.0, 1.0, 1.0))
-    short = found.fit([choice("quad_drag")], rows, WHITE, base, effort=1)
+    short = found.fit([choice("quad_drag")], rows, WHITE, base, effort=Effort.COARSE)
     assert short.status == physics_structure.SPENT
     monkeypatch.undo()
-    assert found.fit([choice("quad_drag")], rows, WHITE, base, effort=1).status != physics_structure.SPENT
+    assert (
+        found.fit([choice("quad_drag")], rows, WHITE, base, effort=Effort.COARSE).status
+        != physics_structure.SPENT
+    )
 
 
 def test_a_pair_of_effects_and_the_refit_on_more_rows():
     found, noise = structure("dc-motor", "out_saturation", {"upper": 0.9, "lower": 0.9})
     rows, all_rows = found.record.estimation, found.record.learning
     baseline = found.baseline(rows)
-    one = found.fit([choice("out_saturation")], rows, WHITE, baseline, effort=2)
-    two = found.fit([choice("out_saturation"), choice("out_offset")], rows, WHITE, one, effort=1)
+    one = found.fit([choice("out_saturation")], rows, WHITE, baseline, effort=Effort.FINE)
+    two = found.fit([choice("out_saturation"), choice("out_offset")], rows, WHITE, one, effort=Effort.COARSE)
     assert one.cost >= two.cost > 0.97 * one.cost
-    refitted = found.fit(one.choices, all_rows, WHITE, one, effort=0)
+    refitted = found.fit(one.choices, all_rows, WHITE, one, effort=Effort.REFIT)
     assert refitted.cost / all_rows.sum() == pytest.approx(noise, rel=0.12)
     assert refitted.parameters_of("out_saturation")[0].value == pytest.approx(0.9, rel=0.02)
     assert "out_saturation" in found.equation(refitted)
@@ -158,11 +163,11 @@ def test_a_pair_of_effects_and_the_refit_on_more_rows():
 def test_what_diverges_without_another_effect_is_no_error():
     found, _ = structure("mass-spring-damper", "quad_drag", {"drag": 1.0})
     rows, drag = found.record.estimation, choice("quad_drag")
-    pair = found.fit([drag, choice("out_offset")], rows, WHITE, found.baseline(rows), effort=1)
+    pair = found.fit([drag, choice("out_offset")], rows, WHITE, found.baseline(rows), effort=Effort.COARSE)
     place = [p.owner for p in pair.parameters].index("quad_drag")
     point = pair.point.copy()
     point[place] = -100.0  # a drag that drives: held by nothing once the other effect is gone
-    fit = found.fit([drag], rows, WHITE, replace(pair, point=point), effort=0)
+    fit = found.fit([drag], rows, WHITE, replace(pair, point=point), effort=Effort.REFIT)
     assert fit.cost == np.inf
     assert not fit.converged
 
@@ -265,7 +270,7 @@ def test_a_nonlinear_model_takes_effects_at_input_and_output():
     offered = {effect.name for effect in found.offered(catalogue())}
     assert "in_saturation" in offered
     assert not {"coulomb", "op_gain", "overflow"} & offered
-    fit = found.fit([choice("in_saturation")], rows, WHITE, found.baseline(rows), effort=1)
+    fit = found.fit([choice("in_saturation")], rows, WHITE, found.baseline(rows), effort=Effort.COARSE)
     assert fit.parameters_of("in_saturation")[0].value == pytest.approx(1.0, abs=0.02)
     assert np.isfinite(found.probes(fit)).all()
 
@@ -323,7 +328,7 @@ def test_a_nonlinear_model_takes_smooth_forces(name, value, torque):
     )
     assert name in {effect.name for effect in found.offered(catalogue())}
     rows = found.record.learning
-    fit = found.fit([choice(name)], rows, WHITE, found.baseline(rows), effort=1)
+    fit = found.fit([choice(name)], rows, WHITE, found.baseline(rows), effort=Effort.COARSE)
     # Noise of 1e-3 in 360 rows; Runge-Kutta steps of a tenth of the fastest rate are finer than that.
     assert np.sqrt(fit.cost / rows.sum()) == pytest.approx(1e-3, rel=0.12)
     assert fit.parameters_of(name)[0].value == pytest.approx(value, rel=0.02)
@@ -350,8 +355,8 @@ def refitted(found, choices):
     """Add effects one after the other on the estimation rows, refit on all learning rows."""
     fit = found.baseline(found.record.estimation)
     for count in range(1, len(choices) + 1):
-        fit = found.fit(choices[:count], found.record.estimation, WHITE, fit, effort=1)
-    return found.fit(choices, found.record.learning, WHITE, fit, effort=0)
+        fit = found.fit(choices[:count], found.record.estimation, WHITE, fit, effort=Effort.COARSE)
+    return found.fit(choices, found.record.learning, WHITE, fit, effort=Effort.REFIT)
 
 
 @pytest.mark.slow
@@ -371,8 +376,8 @@ def test_cascaded_tanks(records):
     )
     found = PhysicsStructure(record, load_model("two-tanks"))
     choices = [choice("sqrt_outflow"), choice("overflow", 1), choice("in_deadzone")]
-    fit = found.fit(choices, record.estimation, WHITE, found.baseline(record.estimation), effort=2)
-    fit = found.fit(choices, record.learning, WHITE, fit, effort=0)
+    fit = found.fit(choices, record.estimation, WHITE, found.baseline(record.estimation), effort=Effort.FINE)
+    fit = found.fit(choices, record.learning, WHITE, fit, effort=Effort.REFIT)
     # A linear model has 0.61 V; the square root alone is no better.
     assert rms(fit, record, "test") < 0.40
 

@@ -19,7 +19,7 @@ from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
 from sysid.diagnosis.ladder import DiagnosedModel, Rung, climb, parameters_json
 from sysid.diagnosis.long_records import LONGEST, Portable, carried, rows_for_one, shortened, thinned
-from sysid.diagnosis.structures.structure import WHITE, Structure, StructureFit
+from sysid.diagnosis.structures.structure import WHITE, Effort, Structure, StructureFit
 from sysid.errors import UsageError
 from sysid.progress import progress as bars_of
 
@@ -314,7 +314,7 @@ def _against_curves(
 
 def _on_all_rows(whole: Structure, fit: StructureFit, chosen: Mask) -> StructureFit:
     """Return a fit to part of a record refitted on all its estimation rows."""
-    return whole.fit(fit.choices, whole.record.estimation, WHITE, carried(fit, chosen), effort=0)
+    return whole.fit(fit.choices, whole.record.estimation, WHITE, carried(fit, chosen), effort=Effort.REFIT)
 
 
 def structure_of(

@@ -14,13 +14,17 @@ from sysid.diagnosis.decide.evidence import block_separation
 from sysid.diagnosis.decide.noise_colour import noise_of
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
-from sysid.diagnosis.structures.structure import WHITE, Choice, FittedParameter, Structure, StructureFit
+from sysid.diagnosis.structures.structure import (
+    WHITE,
+    Choice,
+    Effort,
+    FittedParameter,
+    Structure,
+    StructureFit,
+)
 from sysid.diagnosis.wording import NORMAL_95
 from sysid.errors import UsageError
 from sysid.progress import ProgressTask
-
-# The finest search of an effect that is added by hand.
-FINE = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,11 +59,11 @@ class DiagnosedModel:
     def fit(self) -> "DiagnosedModel":
         """Return the model fitted with what was added, in the form that fits best."""
         rows = self.structure.record.learning
-        current = self.structure.fit(self.fitted.choices, rows, WHITE, self.fitted, effort=0)
+        current = self.structure.fit(self.fitted.choices, rows, WHITE, self.fitted, effort=Effort.REFIT)
         for effect in self.added:
             options = [
                 self.structure.fit(
-                    (*current.choices, Choice(effect, form)), rows, WHITE, current, effort=FINE
+                    (*current.choices, Choice(effect, form)), rows, WHITE, current, effort=Effort.FINE
                 )
                 for form in effect.found_by
             ]
@@ -143,7 +147,7 @@ def climb(
     noise = WHITE if plain else _weighting(structure, estimates[-1], decision.noise.polynomial)
     finals = []
     for fit in estimates:
-        final = structure.fit(fit.choices, record.learning, noise, fit, effort=0)
+        final = structure.fit(fit.choices, record.learning, noise, fit, effort=Effort.REFIT)
         if not final.usable:  # under rows that neither fit has seen
             final = fit
         own = noise_of(record.y[:, 0] - final.output, record.learning).polynomial if plain else noise
@@ -177,7 +181,7 @@ def _weighting(structure: Structure, fit: StructureFit, noise: Floats) -> Floats
     record = structure.record
     residuals = []
     for colour in (WHITE, noise):
-        again = structure.fit(fit.choices, record.estimation, colour, fit, effort=0)
+        again = structure.fit(fit.choices, record.estimation, colour, fit, effort=Effort.REFIT)
         residuals.append((record.y[:, 0] - again.output)[record.validation])
     if not np.isfinite(residuals[0]).all():
         return noise

@@ -11,7 +11,7 @@ from sysid.diagnosis.decide.revision import exchanged, pruned, still_tied
 from sysid.diagnosis.decide.rungs import rungs_to
 from sysid.diagnosis.decide.trials import POLISHED, Trials
 from sysid.diagnosis.effects.base import Effect
-from sysid.diagnosis.structures.structure import WHITE, StructureFit
+from sysid.diagnosis.structures.structure import WHITE, Effort, StructureFit
 
 
 class Grown(NamedTuple):
@@ -45,7 +45,7 @@ class Growth:
         fits: list[StructureFit] = []
         for effect in self.given:
             current = fits[-1] if fits else baseline
-            trial = self.trials.best_form(current, effect, effect.found_by, WHITE_NOISE, 2)
+            trial = self.trials.best_form(current, effect, effect.found_by, WHITE_NOISE, Effort.FINE)
             if trial.fit is not None:
                 fits.append(trial.fit)
         return fits

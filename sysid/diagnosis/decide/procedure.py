@@ -25,7 +25,7 @@ from sysid.diagnosis.decide.rungs import rungs_to
 from sysid.diagnosis.decide.trials import POLISHED, Trials
 from sysid.diagnosis.decide.verdict import Judge, explains_most, leaves_a_trace
 from sysid.diagnosis.effects.base import Effect, Floats
-from sysid.diagnosis.structures.structure import WHITE, Structure, StructureFit
+from sysid.diagnosis.structures.structure import WHITE, Effort, Structure, StructureFit
 from sysid.progress import Progress
 
 # How often a fit and the colour of its residual are brought to agree.
@@ -139,7 +139,7 @@ class Search:
         """Return the squared free-run error of each fit, refitted under the input's present course."""
         learning, errors = self.structure.record.learning, []
         for fit in fits:
-            again = self.structure.fit(fit.choices, evidence.rows, WHITE, fit, effort=0)
+            again = self.structure.fit(fit.choices, evidence.rows, WHITE, fit, effort=Effort.REFIT)
             error = evidence.residual(again)[learning]
             errors.append(float(error @ error) if again.usable else np.inf)
         return np.array(errors)
@@ -292,15 +292,15 @@ class Attempt:
         """Return the best of some fits with one more effect, the leading ones searched with more care."""
         (effect,) = (effect for effect in self.trials.candidates if effect.name == name)
 
-        def added(fit: StructureFit, effort: int) -> StructureFit | None:
-            forms = effect.found_by if effort > 1 else effect.found_by[:1]
+        def added(fit: StructureFit, effort: Effort) -> StructureFit | None:
+            forms = effect.found_by if effort is Effort.FINE else effect.found_by[:1]
             return self.trials.best_form(fit, effect, forms, WHITE_NOISE, effort).fit
 
         def left(pair: StructureFit | None) -> float:
             return np.inf if pair is None else self.evidence.own_criterion(pair)
 
-        leading = sorted(fits, key=lambda fit: left(added(fit, 1)))[:PAIRED]
-        return min((added(fit, 2) for fit in leading), key=left, default=None)
+        leading = sorted(fits, key=lambda fit: left(added(fit, Effort.COARSE)))[:PAIRED]
+        return min((added(fit, Effort.FINE) for fit in leading), key=left, default=None)
 
     def settled(self, decision: Decision) -> Decision:
         """Return a decision whose leading candidates stand by the colour of their own residuals.
@@ -344,7 +344,7 @@ class Attempt:
             if trial.fit is None:
                 break
             noise = self.evidence.noise(trial.fit)
-            fit = structure.fit(trial.fit.choices, rows, noise.polynomial, trial.fit, effort=0)
+            fit = structure.fit(trial.fit.choices, rows, noise.polynomial, trial.fit, effort=Effort.REFIT)
             if not fit.usable:
                 break
             trial = replace(trial, fit=fit, noise=noise)

@@ -5,7 +5,7 @@ from itertools import product
 
 from sysid.diagnosis.decide.acceptance import is_better_held_out
 from sysid.diagnosis.decide.residual_evidence import Evidence
-from sysid.diagnosis.structures.structure import WHITE, Choice, StructureFit
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
 
 
 def refined(evidence: Evidence, fits: Sequence[StructureFit], n_given: int) -> StructureFit | None:
@@ -29,7 +29,7 @@ def refined(evidence: Evidence, fits: Sequence[StructureFit], n_given: int) -> S
     """
     for fit in fits[n_given:]:
         found = [
-            evidence.structure.fit(choices, evidence.rows, WHITE, fit, effort=2)
+            evidence.structure.fit(choices, evidence.rows, WHITE, fit, effort=Effort.FINE)
             for choices in _finer(fit.choices)
         ]
         better = [other for other in found if other.usable and is_better_held_out(evidence, other, fits[-1])]

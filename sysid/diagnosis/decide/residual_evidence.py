@@ -9,7 +9,7 @@ from sysid.data.record import Mask
 from sysid.diagnosis.decide.evidence import excess_in_blocks, orthonormal, remainder
 from sysid.diagnosis.decide.noise_colour import LARGEST_ORDER, Noise, noise_of
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.structures.structure import WHITE, Structure, StructureFit, filtered
+from sysid.diagnosis.structures.structure import WHITE, Effort, Structure, StructureFit, filtered
 
 # Without an effect something counts as seen under the residual's own colour with a chance below this.
 SEEN_P_VALUE = 1e-2
@@ -201,7 +201,7 @@ class Evidence:
         """Return a fit on the rows of the search, moved to where it is best under a colour of the noise."""
         if noise.order == 0:
             return fit
-        return self.structure.fit(fit.choices, self.rows, noise.polynomial, fit, effort=0)
+        return self.structure.fit(fit.choices, self.rows, noise.polynomial, fit, effort=Effort.REFIT)
 
     def residual(self, fit: StructureFit) -> Floats:
         """Return measurement less free run, shape (n_samples,); zero where either is missing."""

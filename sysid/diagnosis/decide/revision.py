@@ -6,7 +6,7 @@ from sysid.diagnosis.decide.acceptance import TIED
 from sysid.diagnosis.decide.evidence import block_separation
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.decide.trials import Trials
-from sysid.diagnosis.structures.structure import StructureFit, filtered
+from sysid.diagnosis.structures.structure import Effort, StructureFit, filtered
 
 # How many are tried in the place of one that was accepted before.
 EXCHANGED = 6
@@ -20,7 +20,7 @@ def exchanged(trials: Trials, fit: StructureFit, n_given: int) -> StructureFit:
     for position in range(n_given, len(fit.choices) - 1):
         others = tuple(choice for i, choice in enumerate(fit.choices) if i != position)
         noise = evidence.colour(fit)
-        without = evidence.structure.fit(others, evidence.rows, noise.polynomial, fit, effort=0)
+        without = evidence.structure.fit(others, evidence.rows, noise.polynomial, fit, effort=Effort.REFIT)
         if not without.usable:
             continue
         options = [effect for effect in trials.candidates if effect.name not in without.names]
@@ -53,13 +53,13 @@ def still_tied(trials: Trials, fit: StructureFit, tie: tuple[str, ...]) -> tuple
     if first not in fit.names:
         return ()
     noise, rows = evidence.colour(fit), evidence.structure.record.learning
-    without = evidence.structure.fit(others, evidence.rows, noise.polynomial, fit, effort=0)
+    without = evidence.structure.fit(others, evidence.rows, noise.polynomial, fit, effort=Effort.REFIT)
     own = filtered(evidence.residual(fit), rows, noise.polynomial)
     stand = []
     for effect in trials.candidates:
         if effect.name not in tie[1:] or effect.name in fit.names or not without.usable:
             continue
-        trial = trials.best_form(without, effect, effect.found_by, noise, 1)
+        trial = trials.best_form(without, effect, effect.found_by, noise, Effort.COARSE)
         if trial.fit is None:
             continue
         left = filtered(evidence.residual(trial.fit), rows, noise.polynomial)
@@ -79,7 +79,7 @@ def pruned(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:
                 evidence.rows,
                 noise.polynomial,
                 fit,
-                effort=0,
+                effort=Effort.REFIT,
             )
             for left in fit.choices[n_given:]
         ]

@@ -6,7 +6,7 @@ import numpy as np
 
 from sysid.data.record import Mask
 from sysid.diagnosis.decide.decision import Decision
-from sysid.diagnosis.structures.structure import WHITE, Structure, StructureFit
+from sysid.diagnosis.structures.structure import WHITE, Effort, Structure, StructureFit
 
 
 def rungs_to(
@@ -19,10 +19,12 @@ def rungs_to(
     chosen, rest = list(fit.choices[:n_given]), list(fit.choices[n_given:])
     rungs: list[StructureFit] = []
     for count in range(1, n_given + 1):
-        rungs.append(structure.fit(chosen[:count], rows, WHITE, baseline, effort=1))
+        rungs.append(structure.fit(chosen[:count], rows, WHITE, baseline, effort=Effort.COARSE))
     while len(rest) > 1:
         start = rungs[-1] if rungs else baseline
-        options = [structure.fit((*chosen, choice), rows, WHITE, start, effort=1) for choice in rest]
+        options = [
+            structure.fit((*chosen, choice), rows, WHITE, start, effort=Effort.COARSE) for choice in rest
+        ]
         best = int(np.argmin([option.cost for option in options]))
         chosen.append(rest.pop(best))
         rungs.append(options[best])
@@ -38,6 +40,6 @@ def rungs_of(structure: Structure, decision: Decision, kept: Sequence[str]) -> l
     choices = [choice for choice in decision.fits[-1].choices if choice.name in kept]
     fits, current = [], decision.baseline
     for count in range(1, len(choices) + 1):
-        current = structure.fit(choices[:count], decision.baseline.rows, WHITE, current, effort=2)
+        current = structure.fit(choices[:count], decision.baseline.rows, WHITE, current, effort=Effort.FINE)
         fits.append(current)
     return fits

@@ -11,7 +11,7 @@ from sysid.diagnosis.decide.evidence import ScoreScreen, score_screen
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE, Noise
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.effects.base import Effect, Floats, Form
-from sysid.diagnosis.structures.structure import WHITE, Choice, StructureFit, filtered
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit, filtered
 from sysid.progress import Progress
 
 # How many candidates are fitted at all, in all their forms, and with the finest search.
@@ -106,20 +106,22 @@ class Trials:
             size = len(effect.forms[0].parameters)
             flow = effect.port == "flow"
             simple = [form for form in effect.found_by if flow or len(form.parameters) <= size]
-            return self.best_form(current, effect, simple, noise, 1)
+            return self.best_form(current, effect, simple, noise, Effort.COARSE)
 
         blind = {e.name for e in candidates if may_hold(e)} if self._lost(current) else set()
         beside = f" beside {' and '.join(current.names)}" if current.choices else ""
         tried = self._each(f"candidates{beside}", simply, candidates)
         found = {trial.name: trial for trial in tried}
-        for effort, count in ((1, refined), (2, polished)):
+        for effort, count in ((Effort.COARSE, refined), (Effort.FINE, polished)):
             order = sorted(found.values(), key=lambda t: t.criterion)
             # From a run that is lost a coarse search says no more of a force than its slope.
-            leaders = [t for i, t in enumerate(order) if i < count or (effort == 2 and t.name in blind)]
+            leaders = [
+                t for i, t in enumerate(order) if i < count or (effort is Effort.FINE and t.name in blind)
+            ]
 
-            def carefully(trial: Trial, effort: int = effort) -> Trial:
+            def carefully(trial: Trial, effort: Effort = effort) -> Trial:
                 effect = next(e for e in candidates if e.name == trial.name)
-                forms = effect.found_by[1:] if effort == 1 else effect.found_by
+                forms = effect.found_by[1:] if effort is Effort.COARSE else effect.found_by
                 return self.best_form(current, effect, forms, noise, effort)
 
             for trial in self._each(f"leaders{beside}", carefully, leaders):
@@ -147,7 +149,7 @@ class Trials:
             return list(Parallel(n_jobs=self.jobs, prefer="threads")(delayed(counted)(item) for item in work))
 
     def best_form(
-        self, current: StructureFit, effect: Effect, forms: Sequence[Form], noise: Noise, effort: int
+        self, current: StructureFit, effect: Effect, forms: Sequence[Form], noise: Noise, effort: Effort
     ) -> Trial:
         """Fit an effect in some of its forms; return the best."""
         best = Trial(effect.name, None, WHITE_NOISE, np.inf)

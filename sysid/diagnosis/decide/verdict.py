@@ -8,7 +8,7 @@ import numpy as np
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
 from sysid.diagnosis.decide.modes import MODE, rings
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, Evidence
-from sysid.diagnosis.structures.structure import WHITE, StructureFit
+from sysid.diagnosis.structures.structure import WHITE, Effort, StructureFit
 
 # Noise that is coloured beside an effect is a trace of something else if the probes find this.
 SUSPECT_P_VALUE = 3e-3
@@ -107,7 +107,7 @@ class Judge:
         evidence = self.evidence
         if not fits or not evidence.noise_accepted(fits[-1], evidence.noise(fits[-1])):
             return fits
-        plain = evidence.structure.fit(fits[-1].choices, evidence.rows, WHITE, fits[-1], effort=0)
+        plain = evidence.structure.fit(fits[-1].choices, evidence.rows, WHITE, fits[-1], effort=Effort.REFIT)
         remains = not plain.usable or evidence.noise_accepted(plain, evidence.noise(plain))
         return fits if remains else [*fits[:-1], plain]
 

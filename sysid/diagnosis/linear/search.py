@@ -9,6 +9,7 @@ from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.linear.chain import Chain, Data
 from sysid.diagnosis.linear.levenberg import Minimum, minimise
 from sysid.diagnosis.linear.starts import with_regressed_coefficients
+from sysid.diagnosis.structures.structure import Effort
 
 # A grid of two shapes is searched whole up to this size, beyond it one shape after the other.
 LARGEST_PRODUCT = 50
@@ -47,7 +48,7 @@ class EffectSearch:
         ]
         self.found: dict[tuple[float, ...], Minimum] = {}
 
-    def search(self, effort: int, near: Floats | None = None) -> list[Minimum]:
+    def search(self, effort: Effort, near: Floats | None = None) -> list[Minimum]:
         """Return minima, best first; ``near`` are shapes worth trying besides the grid."""
         if not self.grids:
             points = [self.joined(start, ()) for start in self.starts]
@@ -74,8 +75,8 @@ class EffectSearch:
             return list(product(*self.grids))
         return list(zip(*self.grids, strict=False))
 
-    def _minimise(self, point: Floats, effort: int) -> Minimum | None:
-        iterations = FINE_ITERATIONS if effort > 1 else COARSE_ITERATIONS
+    def _minimise(self, point: Floats, effort: Effort) -> Minimum | None:
+        iterations = FINE_ITERATIONS if effort is Effort.FINE else COARSE_ITERATIONS
         return minimise(self.chain, self.data, point, self.noise, iterations=iterations)
 
     def joined(self, start: Floats, shapes: tuple[float, ...]) -> Floats:
@@ -177,7 +178,7 @@ class EffectSearch:
         places = zip(self.grids, a, b, strict=True)
         return all(abs(int(np.searchsorted(g, p)) - int(np.searchsorted(g, q))) <= 1 for g, p, q in places)
 
-    def _narrowed(self, leader: Minimum, effort: int) -> Minimum:
+    def _narrowed(self, leader: Minimum, effort: Effort) -> Minimum:
         """Narrow each shape down by golden sections between its neighbours on the grid.
 
         For maps that jump: the cost is piecewise constant in the shape, so a slope says nothing.
@@ -192,14 +193,14 @@ class EffectSearch:
                 high = grid[min(place + 1, grid.size - 1)]
                 best = self._golden(best, i, float(low), float(high), steps)
                 # The cost has small steps of its own: look once more around the best.
-                for part in (0.12, 0.015) if effort > 1 else ():
+                for part in (0.12, 0.015) if effort is Effort.FINE else ():
                     middle, reach = float(best.point[self.shapes[i]]), part * float(high - low)
                     best = self._golden(
                         best, i, max(middle - reach, float(grid[0])), middle + reach, steps // 2
                     )
         done = minimise(
             self.chain, self.data, best.point, self.noise, free=self.others,
-            iterations=FINE_ITERATIONS if effort > 1 else COARSE_ITERATIONS,
+            iterations=FINE_ITERATIONS if effort is Effort.FINE else COARSE_ITERATIONS,
         )  # fmt: skip
         return done if done is not None else best
 

@@ -21,7 +21,7 @@ from sysid.diagnosis.linear.rows import data_of, for_search, on_record
 from sysid.diagnosis.linear.search import EffectSearch
 from sysid.diagnosis.linear.starts import further_starts
 from sysid.diagnosis.structures.memory import Memory, key_of
-from sysid.diagnosis.structures.structure import WHITE, Choice, StructureFit
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
 from sysid.errors import DataError, UsageError
 from sysid.linear.output_error import fit_output_error
 
@@ -59,7 +59,7 @@ class LinearStructure:
     >>> rows = structure.record.estimation
     >>> (saturation,) = structure.offered(find_effects(["in_saturation"]))
     >>> choice = Choice(saturation, saturation.forms[0])
-    >>> fit = structure.fit([choice], rows, WHITE, structure.baseline(rows), effort=2)
+    >>> fit = structure.fit([choice], rows, WHITE, structure.baseline(rows), effort=Effort.FINE)
     >>> round(fit.parameters_of("in_saturation")[0].value, 6)
     0.5
     """
@@ -161,7 +161,7 @@ class LinearStructure:
         return on_record(self.record, lines, self.record.learning)
 
     def fit(
-        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: int
+        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: Effort
     ) -> StructureFit:
         """Fit the model with these effects, from a fit with fewer, other or the same effects."""
         return self._memory.recalled(
@@ -170,7 +170,7 @@ class LinearStructure:
         )
 
     def _fit(
-        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: int
+        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: Effort
     ) -> StructureFit:
         kept = tuple(c for c in choices if c in start.choices)
         new = [c for c in choices if c not in start.choices]
@@ -213,7 +213,7 @@ class LinearStructure:
         return moved
 
     def _searched(
-        self, chain: Chain, data: Data, rows: Mask, point: Floats, noise: Floats, effort: int
+        self, chain: Chain, data: Data, rows: Mask, point: Floats, noise: Floats, effort: Effort
     ) -> tuple[Minimum | None, bool]:
         """Search the last effect of a chain on part of the rows, polish on all."""
         part = for_search(data, self.free_start)

@@ -9,6 +9,7 @@ from sysid.diagnosis.physics.points import with_states
 from sysid.diagnosis.physics.problem import Problem
 from sysid.diagnosis.physics.scatter import within_limits
 from sysid.diagnosis.physics.search import grid_starts, problem_point, refined
+from sysid.diagnosis.structures.structure import Effort
 from sysid.separable.descent import Minimum, Residual
 
 # Most evaluations, tolerance and number of descents of each effort.
@@ -28,12 +29,15 @@ NEARLY, NEARLY_SAME_OUTPUT = 5e-3, 0.1
 def descents(problem: Problem, starts: Sequence[Floats]) -> list[Minimum[Residual]]:
     """Return where searches from model parameters end, the best first."""
     points = [with_states(problem, start) for start in starts]
-    ends = [problem.descend_if_finite(point, EVALUATIONS[2], TOLERANCES[2]) for point in points]
+    ends = [
+        problem.descend_if_finite(point, EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE])
+        for point in points
+    ]
     return sorted((end for end in ends if end is not None), key=cost_of)
 
 
 def ends_beside(
-    problem: Problem, before: Problem, known: Floats, new: Sequence[int], effort: int
+    problem: Problem, before: Problem, known: Floats, new: Sequence[int], effort: Effort
 ) -> list[Minimum[Residual]]:
     """Search from the best points of the grid, around the fit so far and around the nominal values."""
     tried = _tried_beside(problem, before, known, new, effort)
@@ -47,25 +51,25 @@ def ends_beside(
     ]
     ends.sort(key=cost_of)
     # For a ranking the shapes of earlier effects stay where they are on the whole.
-    scanned = None if effort == 2 else new
-    ends[0] = refined(problem, ends[0], EVALUATIONS[1], TOLERANCES[effort], scanned)
+    scanned = None if effort is Effort.FINE else new
+    ends[0] = refined(problem, ends[0], EVALUATIONS[Effort.COARSE], TOLERANCES[effort], scanned)
     return ends
 
 
 def ends_without_colour(
-    white: Problem, before: Problem, problem: Problem, known: Floats, new: Sequence[int], effort: int
+    white: Problem, before: Problem, problem: Problem, known: Floats, new: Sequence[int], effort: Effort
 ) -> list[Minimum[Residual]]:
     """Search shortly under white noise; go on from there under the problem's own colour."""
-    tried = _tried_beside(white, before, known, new, 1)
+    tried = _tried_beside(white, before, known, new, Effort.COARSE)
     if not tried:
         return []
-    near = refined(white, min(tried, key=cost_of), EVALUATIONS[1], TOLERANCES[1], new)
+    near = refined(white, min(tried, key=cost_of), EVALUATIONS[Effort.COARSE], TOLERANCES[Effort.COARSE], new)
     end = problem.descend_if_finite(near.x, EVALUATIONS[effort], TOLERANCES[effort])
     return [] if end is None else [end]
 
 
 def _tried_beside(
-    problem: Problem, before: Problem, known: Floats, new: Sequence[int], effort: int
+    problem: Problem, before: Problem, known: Floats, new: Sequence[int], effort: Effort
 ) -> list[Minimum[Residual]]:
     """Return where short searches from the best points of the grid have come to."""
     found: list[Floats] = []

@@ -33,7 +33,7 @@ from sysid.diagnosis.physics.search import Tangent, problem_point, refined
 from sysid.diagnosis.physics.setting import Plant, setting_of
 from sysid.diagnosis.physics.starts import wide_starts
 from sysid.diagnosis.structures.memory import Memory, key_of
-from sysid.diagnosis.structures.structure import WHITE, Choice, StructureFit
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
 from sysid.errors import IdentifiabilityError, ModelError
 from sysid.physics.forced import ForcedPlant
 from sysid.physics.general import GeneralPlant, is_general
@@ -143,7 +143,7 @@ class PhysicsStructure:
         smooth = PhysicsStructure.__new__(PhysicsStructure)
         smooth.__dict__.update(self.__dict__)
         smooth._use(ForcedPlant(self.model, self.record.period, "smooth"))
-        quick = smooth.fit((), rows, WHITE, held, effort=0)
+        quick = smooth.fit((), rows, WHITE, held, effort=Effort.REFIT)
         if self._held_out_error(quick) > SMOOTHER * self._held_out_error(held):
             return held
         rivals = [self._with_path(held, name, rows) for name in ("feedthrough", "in_delay")]
@@ -171,7 +171,7 @@ class PhysicsStructure:
 
     def _with_path(self, held: StructureFit, name: str, rows: Mask) -> StructureFit:
         (effect,) = find_effects([name])
-        return self.fit([Choice(effect, effect.forms[0])], rows, WHITE, held, effort=1)
+        return self.fit([Choice(effect, effect.forms[0])], rows, WHITE, held, effort=Effort.COARSE)
 
     def _held_out_error(self, fit: StructureFit) -> float:
         """Return the root mean square of the free-run error on validation rows, or on those of the fit."""
@@ -201,7 +201,9 @@ class PhysicsStructure:
             )
         best = ends[0]
         if search is not problem:
-            best = problem.descend(moved(search, problem, best.x), EVALUATIONS[2], TOLERANCES[2])
+            best = problem.descend(
+                moved(search, problem, best.x), EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE]
+            )
         return self._result(problem, best, found_again)
 
     def _wide_starts(self, rows: Mask) -> list[Floats]:
@@ -224,7 +226,7 @@ class PhysicsStructure:
         return [nominal, *draws]
 
     def fit(
-        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: int
+        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: Effort
     ) -> StructureFit:
         """Fit the model with these effects, from a fit with fewer (or other, or the same) effects."""
         return self._memory.recalled(
@@ -233,23 +235,23 @@ class PhysicsStructure:
         )
 
     def _fit(
-        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: int
+        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: Effort
     ) -> StructureFit:
-        largest = FINE_STEP if effort == 2 else COARSE_STEP
+        largest = FINE_STEP if effort is Effort.FINE else COARSE_STEP
         budget = Budget(BUDGETS[effort] * max(float(rows.sum()) / BUDGET_ROWS, 1.0))
         problem = self._problem(choices, rows, noise, largest, budget)
         kept = [choice for choice in choices if choice in start.choices]
         new = [i for i, choice in enumerate(choices) if choice not in start.choices]
         before = self._problem(kept, rows, noise, largest, budget)
         known = self._carried(before, start)
-        if effort == 0 or not new:
+        if effort is Effort.REFIT or not new:
             point = problem_point(problem, before, known)
             if not np.isfinite(problem.cost(point)):  # an effect that was left out may have held it
                 return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status=DIVERGES)
             end = problem.descend(point, EVALUATIONS[effort], TOLERANCES[effort])
             if is_rugged(problem) and not np.array_equal(rows, start.rows):
-                end = scattered(problem, end, EVALUATIONS[2], TOLERANCES[2])
-            end = refined(problem, end, EVALUATIONS[1], TOLERANCES[effort])
+                end = scattered(problem, end, EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE])
+            end = refined(problem, end, EVALUATIONS[Effort.COARSE], TOLERANCES[effort])
             return self._result(problem, within_cells(problem, end), True)
         small = first_rows_of(rows, SEARCH_ROWS)
         search, plain = problem, before
@@ -263,15 +265,15 @@ class PhysicsStructure:
             bare = self._problem(kept, search.rows, WHITE, largest, budget)
             ends += ends_without_colour(white, bare, search, self._carried(bare, start), new, effort)
             ends.sort(key=cost_of)
-        if effort == 2 and is_rugged(search):
-            ends.insert(0, scattered(search, ends[0], EVALUATIONS[2], TOLERANCES[2]))
+        if effort is Effort.FINE and is_rugged(search):
+            ends.insert(0, scattered(search, ends[0], EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE]))
         best, found_twice = ends[0], agree(ends)
         if search is not problem:
-            last = EVALUATIONS[2] if effort == 2 else TRIED
+            last = EVALUATIONS[Effort.FINE] if effort is Effort.FINE else TRIED
             best = problem.descend(moved(search, problem, best.x), last, TOLERANCES[effort])
-        if effort == 2:  # a ranking can do without
+        if effort is Effort.FINE:  # a ranking can do without
             best = within_cells(problem, best)
-        return self._result(problem, best, found_twice or effort == 1)
+        return self._result(problem, best, found_twice or effort is Effort.COARSE)
 
     def _problem(
         self,

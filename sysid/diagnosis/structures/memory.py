@@ -5,7 +5,7 @@ from collections.abc import Callable, Hashable, Sequence
 
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.structures.structure import Choice, StructureFit
+from sysid.diagnosis.structures.structure import Choice, Effort, StructureFit
 
 # Fits that are kept, the latest.
 KEPT = 256
@@ -40,7 +40,7 @@ class Memory:
 
 
 def key_of(
-    choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: int
+    choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: Effort
 ) -> tuple[Hashable, ...]:
     """Return all that a fit depends on, its structure apart; effects stand by their names."""
     return (

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Protocol
 
 import numpy as np
@@ -13,6 +14,17 @@ from sysid.diagnosis.structures.whitening import opening
 
 # D(q) of noise without a memory: what is fitted is the plain free-run error.
 WHITE = np.ones(1)
+
+
+class Effort(IntEnum):
+    """How far a fit searches."""
+
+    REFIT = 0
+    """Only go on from the start, which has all effects: on more rows, or with other noise."""
+    COARSE = 1
+    """Search the new effects over their grids, for a ranking."""
+    FINE = 2
+    """Search them finely, from several starts."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +150,7 @@ class Structure(Protocol):
         ...
 
     def fit(
-        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: int
+        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: Effort
     ) -> StructureFit:
         """Fit the model with these effects, from a fit with fewer (or other, or the same) effects.
 
@@ -150,9 +162,7 @@ class Structure(Protocol):
         start : StructureFit
             Effects of ``choices`` that are in it start where it left them; new ones are searched
             over their grid.
-        effort : int
-            0: only go on from ``start``, which has all effects (a refit on more rows or with other
-            noise); 1: coarse search of the new effects, for a ranking; 2: fine search, several starts.
+        effort : Effort
         """
         ...
 
