@@ -34,6 +34,8 @@ FEW = 1
 # Where things stand, in blocks of WIDTH: the coefficients of `forced_kernels`, states, side, motion.
 Z, SIDE, MOVING = fk.SIZE, fk.SIZE + MOST_STATES + 1, fk.SIZE + MOST_STATES + 2
 BLOCKS = MOVING + 1
+# What takes a costly function, by bits: exp of the speed, sine of the position, tanh of the output.
+PLAIN, BREAKS_AWAY, SWINGS, GAINS, ALL = 0, 1, 2, 4, 7
 # exp(-FARTHEST) is nothing beside 1.
 FARTHEST = 40.0
 # pi in two parts, of which the first has so few digits that small multiples of it are exact.
@@ -104,10 +106,11 @@ def sine(x: float) -> float:
 
 
 @branchless
-def lane_rates(
-    w: Floats, i: int, n: int, same: bool, curved: bool, z: Any, side: float, moving: float
-) -> Any:
-    """Return the derivative of states and memory of one lane, as `forced_kernels.rates` does."""
+def lane_rates(w: Floats, i: int, n: int, same: bool, curve: int, z: Any, side: float, moving: float) -> Any:
+    """Return the derivative of states and memory of one lane, as `forced_kernels.rates` does.
+
+    ``curve`` tells which of the costly functions are needed.
+    """
     z0, z1, z2, z3, memory = z
     s0, s1 = min(z0, w[_first * WIDTH + i]), min(z1, w[_second * WIDTH + i])
     r0, r1 = math.sqrt(max(s0, 0.0)), math.sqrt(max(s1, 0.0))
@@ -120,10 +123,12 @@ def lane_rates(
     force -= w[fk.CUBIC * WIDTH + i] * position * position * position
     force -= w[fk.YIELD * WIDTH + i] * memory
     factor = 1.0
-    if curved:
+    if curve & BREAKS_AWAY:
         ratio = z0 / w[fk.STRIBECK_SPEED * WIDTH + i]
         dry += w[fk.BREAKAWAY * WIDTH + i] * falling(ratio * ratio)
+    if curve & SWINGS:
         force -= w[fk.GRAVITY * WIDTH + i] * sine(w[fk.WAVE_NUMBER * WIDTH + i] * position)
+    if curve & GAINS:
         output = w[_read * WIDTH + i] * s0 + w[(_read + 1) * WIDTH + i] * s1
         output += (
             w[(_read + 2) * WIDTH + i] * z2 + w[(_read + 3) * WIDTH + i] * z3 + w[(_read + 4) * WIDTH + i]
@@ -156,15 +161,15 @@ def lane_rates(
 
 
 @branchless
-def lane_step(w: Floats, i: int, n: int, same: bool, curved: bool, step: float, after: Floats) -> None:
+def lane_step(w: Floats, i: int, n: int, same: bool, curve: int, step: float, after: Floats) -> None:
     """Fill ``after`` with the state of one lane after a classical Runge-Kutta step."""
     side, moving = w[SIDE * WIDTH + i], w[MOVING * WIDTH + i]
     x0, x1, x2 = w[Z * WIDTH + i], w[(Z + 1) * WIDTH + i], w[(Z + 2) * WIDTH + i]
     x = (x0, x1, x2, w[(Z + 3) * WIDTH + i], w[(Z + 4) * WIDTH + i])
-    a = lane_rates(w, i, n, same, curved, x, side, moving)
-    b = lane_rates(w, i, n, same, curved, moved(x, a, 0.5 * step), side, moving)
-    c = lane_rates(w, i, n, same, curved, moved(x, b, 0.5 * step), side, moving)
-    d = lane_rates(w, i, n, same, curved, moved(x, c, step), side, moving)
+    a = lane_rates(w, i, n, same, curve, x, side, moving)
+    b = lane_rates(w, i, n, same, curve, moved(x, a, 0.5 * step), side, moving)
+    c = lane_rates(w, i, n, same, curve, moved(x, b, 0.5 * step), side, moving)
+    d = lane_rates(w, i, n, same, curve, moved(x, c, step), side, moving)
     sixth = step / 6.0
     after[i] = x[0] + sixth * (a[0] + 2.0 * (b[0] + c[0]) + d[0])
     after[WIDTH + i] = x[1] + sixth * (a[1] + 2.0 * (b[1] + c[1]) + d[1])
@@ -174,21 +179,40 @@ def lane_step(w: Floats, i: int, n: int, same: bool, curved: bool, step: float, 
 
 
 @compiled
-def step_of_all(w: Floats, n: int, same: bool, curved: bool, step: float, after: Floats, width: int) -> None:
+def step_of_all(w: Floats, n: int, same: bool, curve: int, step: float, after: Floats, width: int) -> None:
     """Step the first ``width`` lanes; each case is a loop of its own, or it would not become vectors."""
     if n > 2:
-        if curved:
+        if curve == PLAIN:
             for i in range(width):
-                lane_step(w, i, 4, same, True, step, after)
+                lane_step(w, i, 4, same, PLAIN, step, after)
+        elif curve == BREAKS_AWAY:
+            for i in range(width):
+                lane_step(w, i, 4, same, BREAKS_AWAY, step, after)
+        elif curve == SWINGS:
+            for i in range(width):
+                lane_step(w, i, 4, same, SWINGS, step, after)
+        elif curve == GAINS:
+            for i in range(width):
+                lane_step(w, i, 4, same, GAINS, step, after)
         else:
             for i in range(width):
-                lane_step(w, i, 4, same, False, step, after)
-    elif curved:
-        for i in range(width):
-            lane_step(w, i, 2, same, True, step, after)
+                lane_step(w, i, 4, same, ALL, step, after)
     else:
-        for i in range(width):
-            lane_step(w, i, 2, same, False, step, after)
+        if curve == PLAIN:
+            for i in range(width):
+                lane_step(w, i, 2, same, PLAIN, step, after)
+        elif curve == BREAKS_AWAY:
+            for i in range(width):
+                lane_step(w, i, 2, same, BREAKS_AWAY, step, after)
+        elif curve == SWINGS:
+            for i in range(width):
+                lane_step(w, i, 2, same, SWINGS, step, after)
+        elif curve == GAINS:
+            for i in range(width):
+                lane_step(w, i, 2, same, GAINS, step, after)
+        else:
+            for i in range(width):
+                lane_step(w, i, 2, same, ALL, step, after)
 
 
 @compiled
@@ -242,7 +266,7 @@ def group_runs(
     rows = plants.copy()
     mode, chatter = np.full(WIDTH, SMOOTH), np.zeros(WIDTH, dtype=np.int64)
     dry, alive = np.zeros(WIDTH, dtype=np.bool_), np.zeros(WIDTH, dtype=np.bool_)
-    curved = False
+    curve = PLAIN
     for i in range(width):
         lane = min(i, lanes - 1)  # what fills the vector up repeats the last lane
         for j in range(fk.SIZE):
@@ -255,7 +279,9 @@ def group_runs(
         bent = plants[lane, fk.BREAKAWAY] != 0.0
         slides = plants[lane, fk.FRICTION_FORWARD] > 0.0 or plants[lane, fk.FRICTION_BACK] > 0.0
         dry[i], alive[i] = i < lanes and (slides or bent), i < lanes
-        curved = curved or bent or plants[lane, fk.GAIN] != 0.0 or plants[lane, fk.GRAVITY] != 0.0
+        curve |= BREAKS_AWAY if bent else PLAIN
+        curve |= SWINGS if plants[lane, fk.GRAVITY] != 0.0 else PLAIN
+        curve |= GAINS if plants[lane, fk.GAIN] != 0.0 else PLAIN
     for k in range(u.shape[1]):
         running = False
         for i in range(width):
@@ -293,7 +319,7 @@ def group_runs(
                 if dry[i]:
                     w[SIDE * WIDTH + i] = float(mode[i])
                     w[MOVING * WIDTH + i] = 0.0 if mode[i] == STUCK else 1.0
-            step_of_all(w, n, same, curved, step, after, width)
+            step_of_all(w, n, same, curve, step, after, width)
             for i in range(width):
                 if dry[i]:
                     trial = state_of(after, i)

@@ -61,9 +61,9 @@ def minimise(
         J = chain.slopes(data, point, run, noise, free)
         with np.errstate(all="ignore"):  # what is not finite ends the search below
             H, g = J @ J.T, J @ error
-        scale = np.sqrt(np.diag(H))
-        scale[scale == 0.0] = 1.0
-        H, g = H / np.outer(scale, scale), g / scale
+            scale = np.sqrt(np.diag(H))
+            scale[scale == 0.0] = 1.0
+            H, g = H / np.outer(scale, scale), g / scale
         if not (np.isfinite(H).all() and np.isfinite(g).all()):
             return Minimum(point, run, cost, False)
         before = cost
