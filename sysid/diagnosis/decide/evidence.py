@@ -132,7 +132,8 @@ def score_screen(
 
 def orthonormal(columns: Floats, without: Floats | None = None) -> Floats:
     """Return an orthonormal basis of the span of columns, that of ``without`` projected out."""
-    size = np.linalg.norm(columns, axis=0)
+    with np.errstate(all="ignore"):  # a slope that runs off has no length, and is left out
+        size = np.linalg.norm(columns, axis=0)
     columns = columns[:, (size > 0.0) & np.isfinite(size)]
     if columns.shape[1] == 0:
         return columns
