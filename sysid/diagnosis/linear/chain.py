@@ -1,6 +1,6 @@
 """A linear difference equation between maps of its input and output, with forces fed back."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,6 +9,7 @@ import numpy as np
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats, Map
 from sysid.diagnosis.effects.laws import drive_of, no_drive, pointer_of
+from sysid.diagnosis.linear.differences import STEP, quotient
 from sysid.diagnosis.linear.kernels import (
     chosen_filtered,
     driven,
@@ -21,10 +22,6 @@ from sysid.diagnosis.structures.structure import Choice
 from sysid.diagnosis.structures.whitening import opening
 from sysid.errors import UsageError
 
-# Relative step of a difference quotient: between rounding and curvature for values of any size.
-STEP = 1e-5
-# A step in a strength is enlarged until its change is this share of what it is added to.
-LEAST_FELT = 1e-6
 # Least value of a shape whose bound is zero, as a share of the largest one on its grid.
 LEAST_SHAPE = 1e-6
 # Ports of effects that act within the equation; the compiled run takes so many.
@@ -293,7 +290,7 @@ class Chain:
                     shifted[row] = value
                     return self.mapped(data, shifted)
 
-                found.append((row, _quotient(mapped, point[row], self._is_strength(i, row - place.start))))
+                found.append((row, quotient(mapped, point[row], self._is_strength(i, row - place.start))))
         return found
 
     def _law_changes(self, data: Data, point: Floats, run: Run) -> list[tuple[int, Floats]]:
@@ -309,7 +306,7 @@ class Chain:
                     shifted[row] = value
                     return self._driven(data, shifted, run, 0.0, 0.0, 0.0)
 
-                found.append((row, _quotient(acting, point[row], self._is_strength(i, row - place.start))))
+                found.append((row, quotient(acting, point[row], self._is_strength(i, row - place.start))))
         return found
 
     def drive_slopes(self, data: Data, point: Floats, run: Run) -> Slopes:
@@ -346,7 +343,7 @@ class Chain:
                 shifted[j] = value
                 return data.by_experiment(_map(self.choices[i]), sequence, shifted)
 
-            lines[j] = _quotient(mapped, p[j], self._is_strength(i, j))
+            lines[j] = quotient(mapped, p[j], self._is_strength(i, j))
         return lines
 
     def _is_strength(self, i: int, j: int) -> bool:
@@ -391,18 +388,3 @@ _NONE = np.empty(0)
 def _map(choice: Choice) -> Map:
     assert choice.form.apply is not None
     return choice.form.apply
-
-
-def _quotient(function: Callable[[float], Floats], value: float, strength: bool) -> Floats:
-    """Return the derivative by a parameter as a central difference.
-
-    Effects are linear in a strength, so that its step may be large; it must only be felt beside what
-    it is added to.
-    """
-    step = max(1e-3 * abs(value), 1.0) if strength else STEP * (abs(value) or 1.0)
-    while True:
-        ahead, behind = function(value + step), function(value - step)
-        change = ahead - behind
-        if not strength or step > 1e30 or np.abs(change).max() >= LEAST_FELT * np.abs(behind).max():
-            return np.asarray(change / (2.0 * step))
-        step *= 1e4
