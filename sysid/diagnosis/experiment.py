@@ -6,7 +6,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from sysid.diagnosis.decide.evidence import orthonormal
+from sysid.diagnosis.decide.evidence import orthonormal, without
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.structures.structure import StructureFit
 
@@ -62,7 +62,7 @@ def separating_experiment(
         if not np.isfinite(difference).all():
             continue
         Q = orthonormal(tangent)
-        apart = float(np.linalg.norm(difference - Q @ (Q.T @ difference))) / max(noise, 1e-300)
+        apart = float(np.linalg.norm(without(difference, Q))) / max(noise, 1e-300)
         if best is None or apart > best.separation:
             best = Experiment(design, n, apart)
     return best

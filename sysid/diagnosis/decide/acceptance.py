@@ -12,11 +12,10 @@ from sysid.diagnosis.structures.structure import WHITE, StructureFit, filtered
 
 # Two candidates are tied when their errors differ by less than so many standard errors.
 TIED = 2.0
-# A further effect must explain this share of what all effects explain, or it is a detail of the first, unless
-# it explains all that was left.
-LEAST_SHARE = 0.01
-# ... unless so many times more than is left after it: a run that is lost without the first dwarfs all else.
-LARGE_STEP = 2.0
+# A further effect must explain this share of what all effects explain, or it is a detail of the first.  Less
+# is enough where only white noise is left after it, or where it explains so many times what is left: a run
+# that is lost without the first effect dwarfs all else.
+LEAST_SHARE, LARGE_STEP = 0.01, 2.0
 # Where everything is significant it must also lower the free-run error on held-out rows by this share.
 LEAST_FALL = 0.1
 # An effect may explain as much at one of a hundred other times.

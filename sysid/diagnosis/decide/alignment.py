@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sysid.diagnosis.decide.evidence import orthonormal
+from sysid.diagnosis.decide.evidence import orthonormal, without
 from sysid.diagnosis.effects.base import Floats
 
 # Other times at which the same motion is laid beside the residual, and how near to its own at least.
@@ -57,7 +57,7 @@ def chance_at_other_times(residual: Floats, tangent: Floats, change: Floats, slo
     True
     """
     n, Q = residual.size, orthonormal(tangent)
-    own = _without(Q, change)
+    own = without(change, Q)
     size = float(own @ own)
     if size == 0.0:
         return 0.0
@@ -68,7 +68,7 @@ def chance_at_other_times(residual: Floats, tangent: Floats, change: Floats, slo
     least = _share(residual, columns, Q)
     larger = others = 0
     for shift in np.unique(np.linspace(NEAREST * n, (1.0 - NEAREST) * n, SHIFTS).astype(int)):
-        moved = _without(Q, np.roll(change, shift))
+        moved = without(np.roll(change, shift), Q)
         if float(moved @ own) ** 2 > SAME_MOTION * size * float(moved @ moved):
             continue
         others += 1
@@ -78,14 +78,9 @@ def chance_at_other_times(residual: Floats, tangent: Floats, change: Floats, slo
     return (1 + larger) / (1 + others) if others >= FEWEST else 0.0
 
 
-def _without(Q: Floats, columns: Floats) -> Floats:
-    """Return columns with what an orthonormal basis spans projected out."""
-    return np.asarray(columns - Q @ (Q.T @ columns))
-
-
 def _share(residual: Floats, columns: Floats, Q: Floats) -> float:
     """Return the share of a residual that columns explain, beyond what an orthonormal basis does."""
-    left, columns = _without(Q, residual), _without(Q, columns)
+    left, columns = without(residual, Q), without(columns, Q)
     values, vectors = np.linalg.eigh(columns.T @ columns)
     kept = values > DEPENDENT * values[-1]
     explained = np.sum((vectors[:, kept].T @ (columns.T @ left)) ** 2 / values[kept])

@@ -130,23 +130,28 @@ def score_screen(
     return ScoreScreen(statistics, np.sort(null), len(bases))
 
 
-def orthonormal(columns: Floats, without: Floats | None = None) -> Floats:
-    """Return an orthonormal basis of the span of columns, that of ``without`` projected out."""
+def orthonormal(columns: Floats, besides: Floats | None = None) -> Floats:
+    """Return an orthonormal basis of the span of columns, that of ``besides`` projected out."""
     with np.errstate(all="ignore"):  # a slope that runs off has no length, and is left out
         size = np.linalg.norm(columns, axis=0)
     columns = columns[:, (size > 0.0) & np.isfinite(size)]
     if columns.shape[1] == 0:
         return columns
     columns = columns / np.linalg.norm(columns, axis=0)
-    if without is not None and without.shape[1]:
+    if besides is not None and besides.shape[1]:
         for _ in range(2):  # twice is enough for orthogonality to rounding
-            columns = columns - without @ (without.T @ columns)
+            columns = without(columns, besides)
         size = np.linalg.norm(columns, axis=0)
         columns = columns[:, size > DEPENDENT] / size[size > DEPENDENT]
     if columns.shape[1] < 2:
         return columns
     U, s, _ = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(U[:, s > np.sqrt(DEPENDENT) * s[0]])
+
+
+def without(columns: Floats, Q: Floats) -> Floats:
+    """Return columns, or one, with what an orthonormal basis spans projected out."""
+    return np.asarray(columns - Q @ (Q.T @ columns))
 
 
 @dataclass(frozen=True)
@@ -174,7 +179,7 @@ def remainder(residual: Floats, tangent: Floats, probes: Floats) -> Remainder:
 
     Q = orthonormal(tangent)
     P = orthonormal(probes, Q)
-    projected = residual - Q @ (Q.T @ residual)
+    projected = without(residual, Q)
     total = float(projected @ projected)
     explained = float(np.sum((P.T @ projected) ** 2))
     n, q = residual.size - Q.shape[1], P.shape[1]

@@ -6,7 +6,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from sysid.data.record import Mask
-from sysid.diagnosis.decide.evidence import excess_in_blocks, orthonormal, remainder
+from sysid.diagnosis.decide.evidence import excess_in_blocks, orthonormal, remainder, without
 from sysid.diagnosis.decide.noise_colour import LARGEST_ORDER, Noise, noise_of
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.structures.structure import WHITE, Effort, Structure, StructureFit, filtered
@@ -184,7 +184,7 @@ class Evidence:
         probes = self.structure.probes(fit) if probes is None else probes
         columns = orthonormal(np.hstack([tangent[rows], probes[rows]]))
         rest = np.zeros(residual.size)
-        rest[rows] = residual[rows] - columns @ (columns.T @ residual[rows])
+        rest[rows] = without(residual[rows], columns)
         found = noise_of(rest, rows)
         if found.order:
             # Plain least squares takes slow noise for a trend: once more with the colour found so far.
