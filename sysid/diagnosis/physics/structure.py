@@ -33,6 +33,7 @@ from sysid.diagnosis.physics.search import Tangent, problem_point, refined
 from sysid.diagnosis.physics.setting import Plant, setting_of
 from sysid.diagnosis.physics.starts import wide_starts
 from sysid.diagnosis.structures.memory import Memory, key_of
+from sysid.diagnosis.structures.sides import with_forms_of
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
 from sysid.errors import IdentifiabilityError, ModelError
 from sysid.physics.forced import ForcedPlant
@@ -240,6 +241,9 @@ class PhysicsStructure:
         largest = FINE_STEP if effort is Effort.FINE else COARSE_STEP
         budget = Budget(BUDGETS[effort] * max(float(rows.sum()) / BUDGET_ROWS, 1.0))
         problem = self._problem(choices, rows, noise, largest, budget)
+        if effort is Effort.REFIT:
+            places = self._problem(start.choices, start.rows, WHITE, COARSE_STEP).effect_places
+            start = with_forms_of(choices, start, places)
         kept = [choice for choice in choices if choice in start.choices]
         new = [i for i, choice in enumerate(choices) if choice not in start.choices]
         before = self._problem(kept, rows, noise, largest, budget)
