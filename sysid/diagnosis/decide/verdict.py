@@ -14,8 +14,11 @@ from sysid.diagnosis.structures.structure import WHITE, Effort, StructureFit, wi
 SUSPECT_P_VALUE = 3e-3
 # Something is left when the probes find this share of the explainable.
 LEFT_SHARE, SUSPECT_SHARE = 0.01, 0.004
-# Of two effects or more, each true, nothing is left; two that only together resemble a third leave a trace.
-COMPOSED_SHARE = 0.001
+# Beside true effects white noise is left alone; those that only resemble what is missing leave a trace.  Of
+# two or more, which can resemble a third together, less of a proof is asked for.
+TRACE_P_VALUE, TRACE_SHARE = 1e-4, 0.001
+# What is found at a second attempt must leave less.
+LEAST_TRACE = 0.0005
 # Where everything is significant, effects explain a record unless they leave more than they explain.
 MOST_LEFT = 0.5
 # Effects stay accepted beside something unexplained if they leave at most this share of the explainable.
@@ -72,13 +75,14 @@ class Judge:
         composed = len(final.choices) > len(self.given) + 1
         chance, share = LEFT_P_VALUE, LEFT_SHARE
         rows = evidence.rows
-        if fits and coloured:
+        if fits:
             # All rows that may be learnt from: a trace is weaker than what the search stopped at.
             rows = evidence.structure.record.learning
+            chance, share = TRACE_P_VALUE, TRACE_SHARE
+        if fits and coloured:
             chance, share = SUSPECT_P_VALUE, SUSPECT_SHARE
         if composed:
-            rows = evidence.structure.record.learning
-            chance, share = SUSPECT_P_VALUE, COMPOSED_SHARE
+            chance, share = SUSPECT_P_VALUE, TRACE_SHARE
         if fits and evidence.smooth:
             share = MOST_LEFT
         left_p, left_share, floor = evidence.left(baseline, final, rows)
@@ -123,7 +127,7 @@ def explains_most(left_share: float) -> bool:
 
 def leaves_a_trace(decision: Decision) -> bool:
     """Tell whether a model that seems to explain all still leaves more than nothing."""
-    return decision.left_p_value < SUSPECT_P_VALUE and decision.left_share > SUSPECT_SHARE
+    return decision.left_p_value < SUSPECT_P_VALUE and decision.left_share > LEAST_TRACE
 
 
 def _in_order(fits: Sequence[StructureFit]) -> list[str]:
