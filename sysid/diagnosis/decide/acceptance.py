@@ -13,11 +13,10 @@ from sysid.diagnosis.structures.structure import WHITE, StructureFit, filtered
 # Two candidates are tied when their errors differ by less than so many standard errors.
 TIED = 2.0
 # A further effect must explain this share of what all effects explain, or it is a detail of the first.  Less
-# is enough where only white noise is left after it, or where it explains so many times what is left: a run
-# that is lost without the first effect dwarfs all else.
-LEAST_SHARE, LARGE_STEP = 0.01, 2.0
-# Where everything is significant it must also lower the free-run error on held-out rows by this share.
-LEAST_FALL = 0.1
+# is enough where only white noise is left after it, or where it explains so many times what is left, or so
+# much of the free-run error on held-out rows: a run that is lost without the first effect dwarfs all else.
+# Where everything is significant the latter is asked for, too.
+LEAST_SHARE, LARGE_STEP, LEAST_FALL = 0.01, 2.0, 0.1
 # An effect may explain as much at one of a hundred other times.
 MOST_AT_OTHER_TIMES = 0.02
 
@@ -48,8 +47,9 @@ def is_accepted(
     )
     if not agreed:
         return False
+    matters = trial.validation < (1.0 - LEAST_FALL) * evidence.held_out_error(current, WHITE)
     if further and evidence.smooth:
-        if trial.validation > (1.0 - LEAST_FALL) * evidence.held_out_error(current, WHITE):
+        if not matters:
             return False
     elif further and _explains_the_rest(evidence, trial, current, baseline):
         return True
@@ -58,7 +58,7 @@ def is_accepted(
     left = evidence.cost(trial.fit, WHITE_NOISE)
     whole = evidence.cost(baseline, WHITE_NOISE) - left
     step = evidence.cost(current, WHITE_NOISE) - left
-    return not further or step > min(LEAST_SHARE * whole, LARGE_STEP * left)
+    return not further or step > min(LEAST_SHARE * whole, LARGE_STEP * left) or matters
 
 
 def _explains_the_rest(

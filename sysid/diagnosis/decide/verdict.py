@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
-from sysid.diagnosis.decide.modes import MODE, rings
+from sysid.diagnosis.decide.modes import MODE, is_the_plant_again, rings
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, Evidence
-from sysid.diagnosis.structures.structure import WHITE, Effort, StructureFit
+from sysid.diagnosis.structures.structure import WHITE, Effort, StructureFit, with_fine_steps
 
 # Noise that is coloured beside an effect is a trace of something else if the probes find this.
 SUSPECT_P_VALUE = 3e-3
@@ -62,6 +62,8 @@ class Judge:
             Whether what is left is known to be noise that a controller handed on to the input.
         """
         evidence = self.evidence
+        if fits:  # what coarse steps do wrong is left, too, but not missing
+            fits = [*fits[:-1], with_fine_steps(evidence.structure, fits[-1], WHITE)]
         fits = self._polished(fits)
         final = fits[-1] if fits else baseline
         noise = evidence.noise(final)
@@ -80,7 +82,9 @@ class Judge:
         if fits and evidence.smooth:
             share = MOST_LEFT
         left_p, left_share, floor = evidence.left(baseline, final, rows)
-        stands_in = composed and not evidence.smooth and MODE in final.names and not rings(final)
+        period = evidence.structure.record.period
+        stands_in = composed and not evidence.smooth and MODE in final.names
+        stands_in = stands_in and (not rings(final) or is_the_plant_again(final, period))
         if fed_back:
             left_p, left_share, floor = 1.0, 0.0, float(np.sqrt(np.mean(evidence.residual(final)[rows] ** 2)))
         if not fed_back and (stands_in or (left_p < chance and left_share > share)):

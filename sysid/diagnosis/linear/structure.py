@@ -21,6 +21,7 @@ from sysid.diagnosis.linear.rows import Data, data_of, for_search, on_record
 from sysid.diagnosis.linear.search import EffectSearch
 from sysid.diagnosis.linear.starts import further_starts
 from sysid.diagnosis.structures.memory import Memory, key_of
+from sysid.diagnosis.structures.sides import with_forms_of
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
 from sysid.errors import DataError, UsageError
 from sysid.linear.output_error import fit_output_error
@@ -172,6 +173,9 @@ class LinearStructure:
     def _fit(
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: Effort
     ) -> StructureFit:
+        if effort is Effort.REFIT:
+            places = self.chain(start.choices).places(self.data(start.rows))
+            start = with_forms_of(choices, start, places)
         kept = tuple(c for c in choices if c in start.choices)
         new = [c for c in choices if c not in start.choices]
         if too_many_drives(choices):
