@@ -5,6 +5,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.errors import ModelError
 from sysid.linear.forms import Floats
@@ -141,8 +142,13 @@ class ForcedPlant:
         return {name: f"p[{i}]" for i, name in enumerate(self.names)}
 
     @cached_property
+    def _rest(self) -> Floats:
+        """Where the states are at rest, in the order of the kernels."""
+        return np.array([self.model.states[k].rest for k in self.states_first])
+
+    @cached_property
     def _targets(self) -> tuple[Any, Any, Any]:
-        """Where entries stand: positions in plants (with their entries), in by_input, in direct."""
+        """Where entries stand, and which: in plants, in by_input, in direct."""
         from sysid.physics import forced_kernels as fk
 
         place = {state: k for k, state in enumerate(self.states_first)}
@@ -153,14 +159,16 @@ class ForcedPlant:
             rate = number < count
             if column < n:
                 k = place[column]
-                plant.append((number, fk.A + 4 * place[row] + k if rate else fk.READ + k))
+                plant.append((fk.A + 4 * place[row] + k if rate else fk.READ + k, number))
             elif column == n + self.n_inputs:
-                plant.append((number, fk.STEADY + place[row] if rate else fk.READ + 4))
+                plant.append((fk.STEADY + place[row] if rate else fk.READ + 4, number))
             elif rate:
-                by_input.append((number, place[row], column - n))
+                by_input.append((place[row], column - n, number))
             else:
-                direct.append((number, column - n))
-        return plant, by_input, direct
+                direct.append((column - n, number))
+        if self.port.velocity is not None:
+            plant.append((fk.PUSH, -1))
+        return _columns(plant, 2), _columns(by_input, 3), _columns(direct, 2)
 
     def coefficients(self, values: Floats, laws: Floats) -> tuple[Floats, Floats, Floats]:
         """Return what the kernels need of each lane: coefficients, rates by input, output by input."""
@@ -170,36 +178,31 @@ class ForcedPlant:
         plants = np.zeros((lanes, fk.SIZE))
         by_input = np.zeros((lanes, MOST_STATES, self.n_inputs))
         direct = np.zeros((lanes, self.n_inputs))
-        plant_places, input_places, direct_places = self._targets
+        distinct: dict[tuple[float, ...], int] = {}
+        # Lanes often differ in what is not a parameter of the model.
+        which = [distinct.setdefault(tuple(p), len(distinct)) for p in values.tolist()]
         with np.errstate(all="ignore"):
-            before: dict[tuple[float, ...], int] = {}
-            for lane, p in enumerate(values.tolist()):
-                same = before.setdefault(tuple(p), lane)
-                if same < lane:  # lanes often differ in what is not a parameter of the model
-                    plants[lane], by_input[lane], direct[lane] = plants[same], by_input[same], direct[same]
-                    continue
-                try:
-                    entries = self._matrices(p)
-                except (ZeroDivisionError, OverflowError):
-                    plants[lane] = np.nan
-                    continue
-                for number, place in plant_places:
-                    plants[lane, place] = entries[number]
-                for number, row, column in input_places:
-                    by_input[lane, row, column] = entries[number]
-                for number, column in direct_places:
-                    direct[lane, column] = entries[number]
-                if self.port.velocity is not None:
-                    plants[lane, fk.PUSH] = entries[-1]
+            entries = np.array([self._entries(p) for p in distinct])[which]
+        (places, first), (rows, columns, second), (inputs, third) = self._targets
+        plants[:, places] = entries[:, first]
+        by_input[:, rows, columns] = entries[:, second]
+        direct[:, inputs] = entries[:, third]
         plants[:, fk.LAW :] = laws
         return plants, by_input, direct
+
+    def _entries(self, values: Sequence[float]) -> Sequence[float]:
+        """Return the entries of the matrices; not numbers where they have none."""
+        try:
+            return self._matrices(values)
+        except (ZeroDivisionError, OverflowError):
+            return [np.nan] * (len(self._form.rates) + len(self._form.outputs) + 1)
 
     def substeps(self, values: Floats, largest: float) -> int:
         """Return the steps in a sample that keep the fastest rate times the step below ``largest``."""
         from sysid.physics import forced_kernels as fk
 
         n = self.order
-        plants, _, _ = self.coefficients(values, np.tile(NO_LAW, (values.shape[0], 1)))
+        plants, _, _ = self.coefficients(values, NO_LAW)
         fastest = 0.0
         for row in plants:
             matrix = row[fk.A : fk.A + 16].reshape(4, 4)[:n, :n]
@@ -254,8 +257,9 @@ class ForcedPlant:
         y = np.empty((lanes, signal.shape[1]))
         at_start = np.zeros((lanes, MOST_STATES))
         if starts is None:
-            starts = np.tile([state.rest for state in self.model.states], (lanes, 1))
-        at_start[:, : self.order] = starts[:, self.states_first]
+            at_start[:, : self.order] = self._rest
+        else:
+            at_start[:, : self.order] = starts[:, self.states_first]
         inner = np.empty((lanes, signal.shape[1] if states is not None else 0, MOST_STATES))
         arguments = self.coefficients(values, laws)
         plants, by_input, direct = arguments
@@ -265,7 +269,8 @@ class ForcedPlant:
             linear_runs(plants, self.order, by_input, direct, signal, at_start, period, y, inner)
         else:
             step = period / substeps
-            simulate = lane_runs if np.isin(laws[:, POWERS], (0.5, 1.0)).all() else forced_runs
+            powers = laws[:, POWERS]
+            simulate = lane_runs if ((powers == 0.5) | (powers == 1.0)).all() else forced_runs
             simulate(
                 plants, self.order, self.same, by_input, direct, signal, at_start, step, substeps, y, inner
             )
@@ -300,6 +305,11 @@ class ForcedPlant:
         linear_runs(plants, self.order, pushed, direct[:, :1] * 0.0, signal, at_start, self.period, y, inner)
         found: Floats = y[0]
         return found
+
+
+def _columns(rows: Sequence[tuple[int, ...]], count: int) -> list[NDArray[np.intp]]:
+    """Return the columns of a table of indices."""
+    return list(np.array(rows, dtype=np.intp).reshape(-1, count).T)
 
 
 def _order(port: Port, n: int) -> list[int]:

@@ -28,18 +28,23 @@ from sysid.physics.forced_kernels import (
 )
 
 # Lanes side by side: a vector of the widest instructions, or two of the usual ones.
-WIDTH = 8
+WIDTH = 16
 # So few lanes are not worth a whole vector.
 FEW = 1
 # Where things stand, in blocks of WIDTH: the coefficients of `forced_kernels`, states, side, motion.
 Z, SIDE, MOVING = fk.SIZE, fk.SIZE + MOST_STATES + 1, fk.SIZE + MOST_STATES + 2
 BLOCKS = MOVING + 1
-# What takes a costly function, by bits: exp of the speed, sine of the position, tanh of the output.
-PLAIN, BREAKS_AWAY, SWINGS, GAINS, ALL = 0, 1, 2, 4, 7
+# What takes a costly function, by bits: exp of the speed, sine of the position, tanh of the output, root
+# and rim of a level.
+PLAIN, BREAKS_AWAY, SWINGS, GAINS, LEVELS, ALL = 0, 1, 2, 4, 8, 15
 # exp(-FARTHEST) is nothing beside 1.
 FARTHEST = 40.0
 # pi in two parts, of which the first has so few digits that small multiples of it are exact.
 PI_HEAD, PI_TAIL = 3.14159265160560607910, 1.98418714791870343106e-9
+
+# Coefficients of the exponential's series.
+_E2, _E3, _E4, _E5, _E6, _E7, _E8, _E9, _E10 = (1.0 / math.factorial(k) for k in range(2, 11))
+_E11, _E12, _E13, _E14, _E15, _E17, _E19 = (1.0 / math.factorial(k) for k in (11, 12, 13, 14, 15, 17, 19))
 
 _first, _second = fk.FIRST_CAP, fk.SECOND_CAP
 _steady, _drive, _push, _read = fk.STEADY, fk.DRIVE, fk.PUSH, fk.READ
@@ -52,23 +57,16 @@ def branchless(function: Kernel) -> Kernel:
 
 @branchless
 def falling(t: float) -> float:
-    """Return exp(-t) for t >= 0: Taylor's series of a sixty-fourth of t, squared six times."""
+    """Return exp(-t) for t >= 0: Taylor's series of a sixty-fourth of t, squared six times.
+
+    The series is summed in pairs, pairs of pairs and so on: next to no operation waits for the one before.
+    """
     r = -min(t, FARTHEST) / 64.0
-    s = 1.0 + r * (1.0 / 15.0)
-    s = 1.0 + r * (1.0 / 14.0) * s
-    s = 1.0 + r * (1.0 / 13.0) * s
-    s = 1.0 + r * (1.0 / 12.0) * s
-    s = 1.0 + r * (1.0 / 11.0) * s
-    s = 1.0 + r * (1.0 / 10.0) * s
-    s = 1.0 + r * (1.0 / 9.0) * s
-    s = 1.0 + r * (1.0 / 8.0) * s
-    s = 1.0 + r * (1.0 / 7.0) * s
-    s = 1.0 + r * (1.0 / 6.0) * s
-    s = 1.0 + r * (1.0 / 5.0) * s
-    s = 1.0 + r * (1.0 / 4.0) * s
-    s = 1.0 + r * (1.0 / 3.0) * s
-    s = 1.0 + r * (1.0 / 2.0) * s
-    s = 1.0 + r * s
+    r2 = r * r
+    r4 = r2 * r2
+    low = (1.0 + r) + r2 * (_E2 + _E3 * r) + r4 * ((_E4 + _E5 * r) + r2 * (_E6 + _E7 * r))
+    high = (_E8 + _E9 * r) + r2 * (_E10 + _E11 * r) + r4 * ((_E12 + _E13 * r) + r2 * (_E14 + _E15 * r))
+    s = low + r4 * r4 * high
     s *= s
     s *= s
     s *= s
@@ -87,19 +85,14 @@ def hyperbolic_tangent(x: float) -> float:
 
 @branchless
 def sine(x: float) -> float:
-    """Return sin(x): the multiple of pi next to x is taken off, then Taylor's series."""
+    """Return sin(x): the multiple of pi next to x is taken off, then Taylor's series in pairs."""
     turns = np.floor(x * (1.0 / math.pi) + 0.5)
     r: float = (x - turns * PI_HEAD) - turns * PI_TAIL
     q = r * r
-    s = 1.0 - q * (1.0 / (18.0 * 19.0))
-    s = 1.0 - q * (1.0 / (16.0 * 17.0)) * s
-    s = 1.0 - q * (1.0 / (14.0 * 15.0)) * s
-    s = 1.0 - q * (1.0 / (12.0 * 13.0)) * s
-    s = 1.0 - q * (1.0 / (10.0 * 11.0)) * s
-    s = 1.0 - q * (1.0 / (8.0 * 9.0)) * s
-    s = 1.0 - q * (1.0 / (6.0 * 7.0)) * s
-    s = 1.0 - q * (1.0 / (4.0 * 5.0)) * s
-    s = 1.0 - q * (1.0 / (2.0 * 3.0)) * s
+    q2 = q * q
+    q4 = q2 * q2
+    low = (1.0 - _E3 * q) + q2 * (_E5 - _E7 * q) + q4 * ((_E9 - _E11 * q) + q2 * (_E13 - _E15 * q))
+    s = low + q4 * q4 * (_E17 - _E19 * q)
     odd = turns - 2.0 * np.floor(0.5 * turns)
     value: float = (1.0 - 2.0 * odd) * r * s
     return value
@@ -112,10 +105,13 @@ def lane_rates(w: Floats, i: int, n: int, same: bool, curve: int, z: Any, side: 
     ``curve`` tells which of the costly functions are needed.
     """
     z0, z1, z2, z3, memory = z
-    s0, s1 = min(z0, w[_first * WIDTH + i]), min(z1, w[_second * WIDTH + i])
-    r0, r1 = math.sqrt(max(s0, 0.0)), math.sqrt(max(s1, 0.0))
-    t0 = s0 if w[fk.FIRST_POWER * WIDTH + i] == 1.0 else r0
-    t1 = s1 if w[fk.SECOND_POWER * WIDTH + i] == 1.0 else r1
+    s0, s1 = z0, z1
+    t0, t1 = z0, z1
+    if curve & LEVELS:
+        s0, s1 = min(z0, w[_first * WIDTH + i]), min(z1, w[_second * WIDTH + i])
+        r0, r1 = math.sqrt(max(s0, 0.0)), math.sqrt(max(s1, 0.0))
+        t0 = s0 if w[fk.FIRST_POWER * WIDTH + i] == 1.0 else r0
+        t1 = s1 if w[fk.SECOND_POWER * WIDTH + i] == 1.0 else r1
     position = z0 if same else z1
     forward, back = w[fk.FRICTION_FORWARD * WIDTH + i], w[fk.FRICTION_BACK * WIDTH + i]
     dry = forward if side > 0.0 else back
@@ -194,6 +190,9 @@ def step_of_all(w: Floats, n: int, same: bool, curve: int, step: float, after: F
         elif curve == GAINS:
             for i in range(width):
                 lane_step(w, i, 4, same, GAINS, step, after)
+        elif curve == LEVELS:
+            for i in range(width):
+                lane_step(w, i, 4, same, LEVELS, step, after)
         else:
             for i in range(width):
                 lane_step(w, i, 4, same, ALL, step, after)
@@ -210,9 +209,19 @@ def step_of_all(w: Floats, n: int, same: bool, curve: int, step: float, after: F
         elif curve == GAINS:
             for i in range(width):
                 lane_step(w, i, 2, same, GAINS, step, after)
+        elif curve == LEVELS:
+            for i in range(width):
+                lane_step(w, i, 2, same, LEVELS, step, after)
         else:
             for i in range(width):
                 lane_step(w, i, 2, same, ALL, step, after)
+
+
+@compiled
+def has_levels(w: Floats) -> bool:
+    """Tell whether a law takes roots of levels or cuts them off."""
+    powers = w[fk.FIRST_POWER] != 1.0 or w[fk.SECOND_POWER] != 1.0
+    return bool(powers or w[_first] < np.inf or w[_second] < np.inf)
 
 
 @compiled
@@ -261,7 +270,7 @@ def group_runs(
 ) -> None:
     """Simulate up to WIDTH runs."""
     lanes, m = plants.shape[0], u.shape[2]
-    width = lanes if lanes <= FEW else WIDTH
+    width = lanes if lanes <= FEW else (8 if lanes <= 8 else WIDTH)
     w, after = np.zeros(BLOCKS * WIDTH), np.zeros((MOST_STATES + 1) * WIDTH)
     rows = plants.copy()
     mode, chatter = np.full(WIDTH, SMOOTH), np.zeros(WIDTH, dtype=np.int64)
@@ -282,6 +291,7 @@ def group_runs(
         curve |= BREAKS_AWAY if bent else PLAIN
         curve |= SWINGS if plants[lane, fk.GRAVITY] != 0.0 else PLAIN
         curve |= GAINS if plants[lane, fk.GAIN] != 0.0 else PLAIN
+        curve |= LEVELS if has_levels(plants[lane]) else PLAIN
     for k in range(u.shape[1]):
         running = False
         for i in range(width):
@@ -332,7 +342,7 @@ def group_runs(
                         chatter[i] += changes
                         for j in range(MOST_STATES + 1):
                             after[j * WIDTH + i] = end[j]
-                else:
+                elif curve & LEVELS:
                     levels = spilled(rows[i], state_of(after, i))
                     after[i], after[WIDTH + i] = levels[0], levels[1]
             for j in range((MOST_STATES + 1) * WIDTH):

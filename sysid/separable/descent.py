@@ -8,10 +8,10 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import lapack
 
 from sysid.errors import UsageError
-from sysid.separable.factor import triangle
+from sysid.separable.factor import folded_up
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -214,7 +214,11 @@ def descend(
             status = Status.GRADIENT
             break
         small = max(negligible * cost, zero)
-        if cost <= zero or (small > 0 and _possible_decrease(jac[:, free] / norms[free], r) <= small):
+        # One unknown alone may lower the cost by more than that, which is sooner seen.
+        by_one = np.max((gradient[free] / norms[free]) ** 2)
+        if cost <= zero or (
+            small > max(0.0, by_one) and _possible_decrease(jac[:, free] / norms[free], r) <= small
+        ):
             status = Status.NEGLIGIBLE
             break
         step = _bounded_step(jac, r, np.sqrt(damping) * scale, free, lower - x, upper - x)
@@ -251,7 +255,9 @@ def _compressed(point: Point) -> tuple[Floats, Floats]:
     """Return the triangular factor of the Jacobian and the part of the residual in its range."""
     jac, r = point.linearise()
     n = jac.shape[1]
-    factor = triangle(np.column_stack([jac, r]))
+    columns = np.empty((n + 1, r.size))
+    columns[:n], columns[n] = jac.T, r
+    factor = folded_up(columns.T)
     return factor[:n, :n], factor[:n, n]
 
 
@@ -289,6 +295,9 @@ def _bounded_step(jac: Floats, r: Floats, weight: Floats, free: Bools, low: Floa
 
 def _damped_step(jac: Floats, r: Floats, weight: Floats) -> Floats:
     """Solve min ||J s + r||^2 + ||diag(weight) s||^2 by QR."""
-    n = jac.shape[1]
-    factor = triangle(np.block([[jac, r[:, np.newaxis]], [np.diag(weight), np.zeros((n, 1))]]))
-    return np.asarray(solve_triangular(factor[:n, :n], -factor[:n, n]))
+    m, n = jac.shape
+    matrix = np.zeros((m + n, n + 1), order="F")
+    matrix[:m, :n], matrix[:m, n] = jac, r
+    matrix[np.arange(m, m + n), np.arange(n)] = weight
+    factor = folded_up(matrix)
+    return np.asarray(-lapack.dtrtrs(factor[:n, :n], factor[:n, n])[0])

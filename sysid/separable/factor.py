@@ -11,6 +11,8 @@ from sysid.errors import DataError, IdentifiabilityError, UsageError
 Floats = NDArray[np.float64]
 
 PANEL = 4
+# Columns that LAPACK eliminates at a time.
+BLOCK = 32
 RANK_TOLERANCE = 1e-12
 """A column is dependent when its part outside the others is this small relative to its norm."""
 
@@ -174,7 +176,16 @@ def fold(triangle: Floats | None, rows: Floats) -> Floats:
 
 def triangle(matrix: Floats) -> Floats:
     """Return the R factor of a matrix."""
-    return np.asarray(np.linalg.qr(matrix, mode="r"), dtype=float)
+    return folded_up(np.array(matrix, dtype=float, order="F"))
+
+
+def folded_up(matrix: Floats) -> Floats:
+    """Return the R factor of a matrix, which is used up; one stored by columns is not copied."""
+    rows, columns = matrix.shape
+    if not rows or not columns:
+        return np.zeros((min(rows, columns), columns))
+    factored = lapack.dgeqrf(matrix, lwork=BLOCK * columns, overwrite_a=1)[0]
+    return np.asarray(np.triu(factored[:columns]), dtype=float)
 
 
 def finite(y: ArrayLike) -> Floats:

@@ -175,17 +175,44 @@ class Problem:
         """
         setting = self.setting
         plant = setting.plant
-        lanes = points.shape[0]
-        values = np.tile(setting.known, (lanes, 1))
-        values[:, setting.places] = setting.to_values(points[:, : self.n_model])
-        effects = [[point[place] for place in self.effect_places] for point in points]
-        laws, starts = self._laws(effects), self._starts(points, number)
         u = setting.record.u[part]
-        driven = self._inputs(u, effects)
+        # What only the sensor sees leaves the plant's run as it is.
+        which, own = self._distinct(points) if states is None else (None, points)
+        lanes = own.shape[0]
+        effects = self._effects(points)
+        inside = effects if which is None else self._effects(own)
+        values = np.empty((lanes, setting.known.size))
+        values[:] = setting.known
+        values[:, setting.places] = setting.to_values(own[:, : self.n_model])
+        laws, starts = self._laws(inside), self._starts(own, number)
+        driven = self._inputs(u, inside)
         steps = plant.substeps(values[:1], self.largest) if plant.always_steps or not self.exact else 1
         self.budget.left -= lanes * u.shape[0] * steps
         y = plant.run(values, laws, driven, starts, steps, states, self.exact)
-        return self._outputs(y, u[:, 0], effects, rounded)
+        return self._outputs(y if which is None else y[which], u[:, 0], effects, rounded)
+
+    def _distinct(self, points: Floats) -> tuple[list[int] | None, Floats]:
+        """Return which run is each point's, None where all differ, and the points that run differently."""
+        if self._inner.all():
+            return None, points
+        found: dict[bytes, int] = {}
+        which = [found.setdefault(key.tobytes(), len(found)) for key in points[:, self._inner]]
+        if len(found) == len(which):
+            return None, points
+        first = dict(zip(reversed(which), reversed(range(len(which))), strict=True))
+        return which, points[[first[number] for number in range(len(found))]]
+
+    def _effects(self, points: Floats) -> list[list[Floats]]:
+        """Return the parameters of each effect in each point."""
+        return [[point[place] for place in self.effect_places] for point in points]
+
+    @cached_property
+    def _inner(self) -> NDArray[np.bool_]:
+        """Unknowns that change the plant's run, not only what is added to it or the sensor."""
+        inner = np.ones(self.size, dtype=bool)
+        for choice, place in zip(self.choices, self.effect_places, strict=True):
+            inner[place] = choice.effect.port not in ("output", "parallel")
+        return inner
 
     def _starts(self, points: Floats, number: int | None) -> Floats | None:
         """Return the initial states of an experiment in some points; None for rest."""
@@ -236,7 +263,7 @@ class Problem:
         for parameters in effects:
             key = b"".join(parameters[i].tobytes() for i in own)
             if key not in found:  # most lanes of a Jacobian share their input
-                signal = u[:, 0]
+                signal = np.ascontiguousarray(u[:, 0])
                 for i in own:
                     signal = self._applied(i, signal, parameters[i])
                 found[key] = signal
@@ -256,6 +283,7 @@ class Problem:
             if choice.effect.port == "output"
             and (rounded or choice.form.smooth or choice.form.slope != "identity")
         ]
+        u = np.ascontiguousarray(u) if beside else u
         for lane, parameters in enumerate(effects if beside or sensor else ()):
             signal = y[lane]
             for i in beside:
@@ -268,7 +296,10 @@ class Problem:
     def _applied(self, effect: int, signal: Floats, parameters: Floats) -> Floats:
         apply = self.choices[effect].form.apply
         assert apply is not None
-        return apply(np.require(signal, requirements=["C", "W"]), parameters, self.setting.record.period)
+        flags = signal.flags
+        if not (flags.c_contiguous and flags.writeable):  # a kernel is compiled for one kind of array
+            signal = signal.copy()
+        return apply(signal, parameters, self.setting.record.period)
 
     def errors(self, points: Floats, *, rounded: bool = True) -> Floats:
         """Return the filtered residual of several points, shape (lanes, n_rows)."""
@@ -278,7 +309,8 @@ class Problem:
             out = filtered_lines(
                 np.ascontiguousarray(outputs), self.run_edges, self.noise, opening(self.noise)
             )
-        return np.asarray(out - self.target)
+        out -= self.target
+        return out
 
     def residual(self, point: Floats) -> Floats:
         """Return the filtered residual, model less measurement."""
@@ -293,14 +325,20 @@ class Problem:
     def shifted(self, point: Floats, columns: Sequence[int]) -> tuple[Floats, Floats]:
         """Return the point and copies with one unknown moved in each, and how far."""
         _, upper = self.bounds
-        step = DIFFERENCE * np.maximum(np.abs(point), SMALLEST_SHARE * self.sizes)
+        step = DIFFERENCE * np.maximum(np.abs(point), self._smallest)
         step[: self.n_model] = np.where(self.setting.positive, DIFFERENCE, step[: self.n_model])
         step = np.where(point + step > upper, -step, step)
-        points = np.tile(point, (1 + len(columns), 1))
-        for lane, column in enumerate(columns):
-            points[1 + lane, column] += step[column]
-        moved = points[1:][np.arange(len(columns)), list(columns)] - point[list(columns)]
-        return points, moved
+        own = np.asarray(columns, dtype=np.intp)
+        points = np.empty((1 + own.size, point.size))
+        points[:] = point
+        lanes = np.arange(own.size)
+        points[1 + lanes, own] += step[own]
+        return points, points[1 + lanes, own] - point[own]
+
+    @cached_property
+    def _smallest(self) -> Floats:
+        """Sizes below which an unknown is moved as one of this size."""
+        return SMALLEST_SHARE * self.sizes
 
     def jacobian(self, point: Floats) -> Floats:
         """Return the derivative of the residual by difference quotients; zero for what is held."""
@@ -309,8 +347,12 @@ class Problem:
         return self._quotients(self.errors(points, rounded=False), moved)
 
     def _quotients(self, errors: Floats, moved: Floats) -> Floats:
+        slopes: Floats = errors[1:] - errors[0]
+        slopes /= moved[:, np.newaxis]
+        if not self.held.any():
+            return slopes.T
         lines = np.zeros((self.size, errors.shape[1]))
-        lines[~self.held] = (errors[1:] - errors[0]) / moved[:, np.newaxis]
+        lines[~self.held] = slopes
         return lines.T
 
     def with_derivative(self, point: Floats) -> tuple[Floats, Floats]:
