@@ -267,10 +267,10 @@ class PhysicsStructure:
         if effort is Effort.FINE:
             # A finer search goes on from the coarse one, and starts where that one has not.
             coarse = self.fit(choices, rows, noise, start, effort=Effort.COARSE)
-            end = search.descend_if_finite(
+            on = search.descend_if_finite(
                 moved(problem, search, coarse.point), EVALUATIONS[effort], TOLERANCES[effort]
             )
-            found += [] if end is None else [end]
+            found += [] if on is None else [on]
         ends = ends_beside(search, plain, self._carried(plain, start), new, effort, found)
         if noise.size > 1 and not found:
             # The colour of what is missing can hide an effect from the grid: search without it, too.
