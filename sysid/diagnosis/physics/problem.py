@@ -177,11 +177,11 @@ class Problem:
         setting = self.setting
         plant = setting.plant
         u = setting.record.u[part]
-        effects = [[point[place] for place in self.effect_places] for point in points]
+        effects = self._parameters(points)
         # What only the sensor sees leaves the plant's run as it is.
         which, own = self._distinct(points) if states is None else (None, points)
         lanes = own.shape[0]
-        inside = effects if which is None else [[point[place] for place in self.effect_places] for point in own]
+        inside = effects if which is None else self._parameters(own)
         values = np.empty((lanes, setting.known.size))
         values[:] = setting.known
         values[:, setting.places] = setting.to_values(own[:, : self.n_model])
@@ -192,8 +192,15 @@ class Problem:
         y = plant.run(values, laws, driven, starts, steps, states, self.exact)
         return self._outputs(y if which is None else y[which], u[:, 0], effects, rounded)
 
+    def _parameters(self, points: Floats) -> list[list[Floats]]:
+        """Return the parameters of each effect in each point."""
+        return [[point[place] for place in self.effect_places] for point in points]
+
     def _distinct(self, points: Floats) -> tuple[list[int] | None, Floats]:
-        """Return points whose plants run differently, and which of them each point's runs as; None for each."""
+        """Return points whose plants run differently, and which of them each point runs as.
+
+        None where all of them do.
+        """
         if self._inner.all():
             return None, points
         found: dict[bytes, int] = {}
@@ -347,7 +354,7 @@ class Problem:
         slopes = errors[1:] - errors[0]
         slopes /= moved[:, np.newaxis]
         if not self.held.any():
-            return slopes.T
+            return np.asarray(slopes.T)
         lines = np.zeros((self.size, errors.shape[1]))
         lines[~self.held] = slopes
         return lines.T
@@ -364,14 +371,18 @@ class Problem:
         forms = [choice.form for choice in self.choices if choice.effect.port == "output"]
         return any(not form.smooth and form.slope == "identity" for form in forms)
 
-    @property
+    @cached_property
     def steps_of_an_evaluation(self) -> float:
-        """Steps that a residual with its Jacobian takes."""
+        """Steps that a residual with its Jacobian takes at the start values."""
+        return self.steps_at(self.setting.nominal)
+
+    def steps_at(self, point: Floats) -> float:
+        """Return the steps that a residual with its Jacobian takes at a point, or one of another problem."""
         rows = sum(part.stop - part.start for part in self.parts)
         plant = self.setting.plant
         inside = plant.always_steps or not self.exact
-        substeps = plant.substeps(self.setting.known[np.newaxis], self.largest) if inside else 1
-        return float((1 + self.size) * rows * substeps)
+        values = self.setting.values_of(point)[np.newaxis]
+        return float((1 + self.size) * rows * (plant.substeps(values, self.largest) if inside else 1))
 
     def descend_if_finite(
         self, point: Floats, evaluations: int, tolerance: float, met: Met | None = None
