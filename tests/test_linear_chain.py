@@ -5,10 +5,12 @@ import pytest
 
 from sysid.data import make_record
 from sysid.diagnosis.effects import find_effects
-from sysid.diagnosis.linear.chain import Chain, Data
+from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.kernels import chosen_filtered, is_stable
 from sysid.diagnosis.linear.levenberg import minimise
+from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.linear.structure import LinearStructure
+from sysid.diagnosis.linear.triangles import damped_step, scaled_triangle
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, filtered
 from sysid.diagnosis.structures.whitening import opening
 
@@ -118,6 +120,70 @@ def test_the_jacobian_is_the_slope_of_the_run(names, values):
         slope = (chain.run(data, point + step).y - chain.run(data, point - step).y) / 2e-6
         # Difference quotients of 1e-6 have a rounding of 1e-10; near a knee single samples may differ.
         assert np.quantile(np.abs(J[i] - slope), 0.99) < 2e-5 * max(1.0, np.abs(slope).max())
+
+
+@pytest.mark.parametrize(
+    ("names", "values"),
+    [
+        (["in_preload", "out_quadratic"], [0.3, 0.1]),
+        (["extra_mode", "quad_drag"], [2.0, 0.1, 0.2, 0.1, 0.4]),
+        (["feedthrough inside", "cubic_stiffness"], [0.4, 0.5]),
+    ],
+)
+def test_some_lines_of_the_jacobian_are_those_of_all(names, values):
+    data = make_data(experiments=2)
+    choices = [choice(word[0], len(word) - 1) for word in (name.split() for name in names)]
+    chain = Chain(2, choices, True, True)
+    point = np.concatenate([A, B, [0.02], [0.1, -0.2, 0.3, 0.05], values])
+    run = chain.run(data, point)
+    J = chain.jacobian(data, point, run)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        free = rng.random(point.size) < 0.5
+        assert np.array_equal(chain.jacobian(data, point, run, free), J[free])
+
+
+def test_the_input_after_its_maps_is_that_of_the_point():
+    """A run keeps the mapped input of the run before: other parameters and other rows must not see it."""
+    data, other = make_data(experiments=2), make_data(seed=1)
+    chain = Chain(2, [choice("in_saturation")], False, False)
+    points = [np.concatenate([A, B, [level]]) for level in (0.3, 0.6, 0.3)]
+    for rows, point in [(data, points[0]), (data, points[1]), (other, points[1]), (data, points[2])]:
+        assert np.array_equal(chain.run(rows, point).x, np.clip(rows.u, -point[-1], point[-1]))
+
+
+def test_a_damped_step_is_that_of_the_stacked_equations():
+    rng = np.random.default_rng(0)
+    for n in (1, 3, 8):
+        # Lines of sizes from 1e-6 to 1e6 that are all but the same: condition 1e5 after scaling.
+        lines = rng.standard_normal(50) + 1e-5 * rng.standard_normal((n, 50))
+        lines *= 10.0 ** rng.uniform(-6, 6, (n, 1))
+        error, no = rng.standard_normal(50), np.zeros(n, dtype=bool)
+        R, c, lengths = scaled_triangle(lines.copy(), error, no, no)
+        scaled = lines / lengths[:, np.newaxis]
+        for damping in (1e-8, 1e-2, 10.0):
+            step, lowered = damped_step(R, c, damping)
+            stacked = np.vstack([scaled.T, np.sqrt(damping) * np.eye(n)])
+            expected = np.linalg.lstsq(stacked, np.concatenate([error, np.zeros(n)]))[0]
+            # Rounding times the condition of the damped equations, 1e4 at most.
+            assert np.allclose(step, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+            left = error - scaled.T @ step
+            assert np.isclose(lowered, error @ error - left @ left, rtol=1e-8)
+
+
+def test_a_step_leaves_out_what_is_held_at_its_bound_and_what_depends_on_others():
+    lines = np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    error = np.array([1.0, -1.0, 1.0])
+    low, high = np.array([False, True, False, False]), np.zeros(4, dtype=bool)
+    R, c, lengths = scaled_triangle(lines.copy(), error, low, high)
+    assert np.array_equal(lengths, [1.0, 1.0, 1.0, 1.0])
+    assert np.array_equal(np.diag(R), [1.0, 0.0, 0.0, 0.0])
+    assert np.array_equal(c, [1.0, 0.0, 0.0, 0.0])
+    step, lowered = damped_step(R, c, 1e-12)
+    assert np.allclose(step, [0.5, 0.0, 0.5, 0.0])
+    assert np.isclose(lowered, 1.0)
+    # Upwards the second one is free.
+    assert scaled_triangle(lines.copy(), -error, low, high)[0][1, 1] == 1.0
 
 
 def test_both_filters_are_the_same():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sysid.data import make_record
-from sysid.diagnosis.decide.modes import least_damping, rings
+from sysid.diagnosis.decide.modes import is_the_plant_again, least_damping, rings
 from sysid.diagnosis.diagnose import structure_of
 from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.linear.modes import errors_over_minima
@@ -60,8 +60,9 @@ def test_one_minimum_keeps_its_standard_errors():
     assert np.allclose(errors, again, rtol=1e-12)
 
 
-def fit_with(damping, own):
+def fit_with(damping, own, frequency=0.5):
     parameters = [FittedParameter(name, value, 0.0, "") for name, value in own.items()]
+    parameters.append(FittedParameter("frequency", frequency, 0.0, "rad/s", "extra_mode"))
     parameters.append(FittedParameter("damping", damping, 0.0, "1", "extra_mode"))
     empty = np.zeros(0)
     return StructureFit(
@@ -76,6 +77,16 @@ def test_a_damped_path_is_no_mode_unless_it_has_changed_places_with_the_models_o
     assert not rings(fit_with(0.7, damped))
     assert rings(fit_with(0.7, ringing))
     assert not rings(fit_with(0.7, {"m": 1.0, "c": 0.2, "k": 3.0}))
+
+
+def test_a_mode_at_the_place_of_the_models_own_is_the_model_again():
+    frequency, damping, period = 4.0, 0.3, 0.1
+    pole = np.exp(period * frequency * (-damping + 1j * np.sqrt(1.0 - damping**2)))
+    own = {"a1": -2.0 * pole.real, "a2": abs(pole) ** 2, "b1": 1.0, "b2": 0.0}
+    assert is_the_plant_again(fit_with(damping, own, frequency), period)
+    assert is_the_plant_again(fit_with(1.05 * damping, own, 0.97 * frequency), period)
+    assert not is_the_plant_again(fit_with(damping, own, 1.3 * frequency), period)
+    assert not is_the_plant_again(fit_with(damping, {"m": 1.0}, frequency), period)
 
 
 def test_least_damping_is_that_of_the_continuous_mode():

@@ -50,6 +50,23 @@ def choice(name, form=0):
     return Choice(effect, effect.forms[form])
 
 
+def test_steps_become_as_fine_as_the_noise_asks():
+    # At 60 dB the coarse steps of a search move parameters by many standard errors.
+    model = structure("mass-spring-damper", "quad_drag", {"drag": 25.0}, seed=3, snr=60.0)[0]
+    drag, rows = choice("quad_drag"), model.record.learning
+    coarse = model.fit([drag], rows, WHITE, model.baseline(rows), effort=Effort.COARSE)
+    coarse = model.fit([drag], rows, WHITE, coarse, effort=Effort.REFIT)
+    fine = model.with_fine_steps(coarse, WHITE)
+    assert fine.cost < 0.9 * coarse.cost
+    truth = {**PLANTS["mass-spring-damper"][0], "drag": 25.0}
+    for p in model.finish(fine, WHITE).parameters:
+        value = truth["drag"] if p.owner else truth[p.name]
+        assert abs(p.value - value) < 3.5 * p.std_error
+    noisy = structure("mass-spring-damper", "quad_drag", {"drag": 0.5}, seed=3, snr=20.0)[0]
+    loose = noisy.fit([drag], rows, WHITE, noisy.baseline(rows), effort=Effort.COARSE)
+    assert noisy.with_fine_steps(loose, WHITE) is loose
+
+
 CASES = [
     ("dc-motor", "coulomb", {"friction": 0.3}),
     ("dc-motor", "in_relay", {"level": 1.4, "threshold": 0.5}),

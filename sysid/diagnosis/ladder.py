@@ -21,6 +21,7 @@ from sysid.diagnosis.structures.structure import (
     FittedParameter,
     Structure,
     StructureFit,
+    with_fine_steps,
 )
 from sysid.diagnosis.wording import NORMAL_95
 from sysid.errors import UsageError
@@ -150,6 +151,7 @@ def climb(
         final = structure.fit(fit.choices, record.learning, noise, fit, effort=Effort.REFIT)
         if not final.usable:  # under rows that neither fit has seen
             final = fit
+        final = with_fine_steps(structure, final, noise)
         own = noise_of(record.y[:, 0] - final.output, record.learning).polynomial if plain else noise
         finals.append(structure.finish(final, own))
         bar.advance()

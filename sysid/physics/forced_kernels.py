@@ -381,7 +381,11 @@ def linear_runs(
                 M[i, n + j] = by_input[lane, i, j] * period
             M[i, n + m] = w[STEADY + i] * period
         exponential(M, F, power)
-        G[:n, :n], H[:n] = F[:n, :n], F[:n, n:]
+        for i in range(n):
+            for j in range(n):
+                G[i, j] = F[i, j]
+            for j in range(m + 1):
+                H[i, j] = F[i, n + j]
         # Four states whatever n, in variables of their own: loops and arrays would take most of the time.
         a0, a1, a2, a3 = G[0, 0], G[0, 1], G[0, 2], G[0, 3]
         b0, b1, b2, b3 = G[1, 0], G[1, 1], G[1, 2], G[1, 3]
@@ -426,22 +430,31 @@ def exponential(M: Floats, F: Floats, power: Floats) -> None:
         norm *= 0.5
         squarings += 1
     scale = 0.5**squarings
-    term = np.eye(size)
-    F[:] = term
+    # Element by element: an assignment of whole arrays would take seconds to compile.
+    term = np.zeros((size, size))
+    for i in range(size):
+        for j in range(size):
+            F[i, j] = term[i, j] = 1.0 if i == j else 0.0
     for order in range(1, 12):  # 0.25**12 / 12! is below rounding
+        multiplied(term, M, scale, power)
         for i in range(size):
             for j in range(size):
-                value = 0.0
-                for s in range(size):
-                    value += term[i, s] * M[s, j]
-                power[i, j] = value * scale / order
-        term[:] = power
-        F += term
+                term[i, j] = power[i, j] / order
+                F[i, j] += term[i, j]
     for _ in range(squarings):
+        multiplied(F, F, 1.0, power)
         for i in range(size):
             for j in range(size):
-                value = 0.0
-                for s in range(size):
-                    value += F[i, s] * F[s, j]
-                power[i, j] = value
-        F[:] = power
+                F[i, j] = power[i, j]
+
+
+@compiled
+def multiplied(left: Floats, right: Floats, factor: float, product: Floats) -> None:
+    """Fill ``product`` with the product of two square matrices and a factor."""
+    size = left.shape[0]
+    for i in range(size):
+        for j in range(size):
+            value = 0.0
+            for s in range(size):
+                value += left[i, s] * right[s, j]
+            product[i, j] = value * factor

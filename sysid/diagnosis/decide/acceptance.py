@@ -13,11 +13,10 @@ from sysid.diagnosis.structures.structure import WHITE, StructureFit, filtered
 # Two candidates are tied when their errors differ by less than so many standard errors.
 TIED = 2.0
 # A further effect must explain this share of what all effects explain, or it is a detail of the first.  Less
-# is enough where only white noise is left after it, or where it explains so many times what is left: a run
-# that is lost without the first effect dwarfs all else.
-LEAST_SHARE, LARGE_STEP = 0.01, 2.0
-# Where everything is significant it must also lower the free-run error on held-out rows by this share.
-LEAST_FALL = 0.1
+# is enough where only white noise is left after it, or where it explains so many times what is left, or so
+# much of the free-run error on held-out rows: a run that is lost without the first effect dwarfs all else.
+# Where everything is significant the latter is asked for, too.
+LEAST_SHARE, LARGE_STEP, LEAST_FALL = 0.01, 2.0, 0.1
 # An effect may explain as much at one of a hundred other times.
 MOST_AT_OTHER_TIMES = 0.02
 
@@ -44,12 +43,16 @@ def is_accepted(
         is_significant(evidence, trial)
         and evidence.own_criterion(trial.fit) < evidence.own_criterion(current)
         and chance_under_own_noise(evidence, trial, current) < evidence.alpha
-        and _holds(evidence, trial, current)
     )
     if not agreed:
         return False
+    if not _holds(evidence, trial, current):
+        # What shows in the first rows alone, as the start of a play does, held-out rows cannot tell.
+        untold = further and not evidence.smooth and _is_not_refuted(evidence, trial, current)
+        return untold and _explains_the_rest(evidence, trial, current, baseline)
+    matters = trial.validation < (1.0 - LEAST_FALL) * evidence.held_out_error(current, WHITE)
     if further and evidence.smooth:
-        if trial.validation > (1.0 - LEAST_FALL) * evidence.held_out_error(current, WHITE):
+        if not matters:
             return False
     elif further and _explains_the_rest(evidence, trial, current, baseline):
         return True
@@ -58,7 +61,7 @@ def is_accepted(
     left = evidence.cost(trial.fit, WHITE_NOISE)
     whole = evidence.cost(baseline, WHITE_NOISE) - left
     step = evidence.cost(current, WHITE_NOISE) - left
-    return not further or step > min(LEAST_SHARE * whole, LARGE_STEP * left)
+    return not further or step > min(LEAST_SHARE * whole, LARGE_STEP * left) or matters
 
 
 def _explains_the_rest(
@@ -67,13 +70,16 @@ def _explains_the_rest(
     """Tell whether something was clearly left before, and nothing but white noise is now.
 
     A form with more freedom can do most of what a second effect does, and the motion need not tell: an
-    offset is the same at any time.  A detail of an effect that is not there leaves something itself.
+    offset is the same at any time.  A detail of an effect that is not there leaves something itself, unless
+    two more effects mend it together.
     """
     assert trial.fit is not None
-    if trial.noise.order > 0:
+    if trial.noise.order > 0 or len(trial.fit.choices) > len(current.choices) + 1:
         return False
-    before, after = (evidence.left(baseline, fit, evidence.rows)[0] for fit in (current, trial.fit))
-    return before < LEFT_P_VALUE and after >= SEEN_P_VALUE
+    chance = _chance_over_white(evidence, trial, current)
+    if chance >= LEFT_P_VALUE:  # where this candidate shows little, probes of all kinds may show more
+        chance = evidence.left(baseline, current, evidence.rows)[0]
+    return chance < LEFT_P_VALUE and evidence.left(baseline, trial.fit, evidence.rows)[0] >= SEEN_P_VALUE
 
 
 def is_significant(evidence: Evidence, trial: Trial) -> bool:
@@ -93,7 +99,20 @@ def chance_under_own_noise(evidence: Evidence, trial: Trial, current: StructureF
     before = evidence.refitted(current, trial.noise)
     after = evidence.refitted(trial.fit, trial.noise)
     left = min(evidence.cost(fit, trial.noise) for fit in (trial.fit, after) if fit.usable)
-    ratio = (evidence.cost(before, trial.noise) - left) / max(left, 1e-300) * int(evidence.rows.sum())
+    return _chance(evidence, trial, current, evidence.cost(before, trial.noise), left)
+
+
+def _chance_over_white(evidence: Evidence, trial: Trial, current: StructureFit) -> float:
+    """Return the chance that a candidate explains as much of white noise."""
+    assert trial.fit is not None
+    costs = (evidence.cost(fit, WHITE_NOISE) for fit in (current, trial.fit))
+    return _chance(evidence, trial, current, *costs)
+
+
+def _chance(evidence: Evidence, trial: Trial, current: StructureFit, before: float, after: float) -> float:
+    """Return the chance that the cost falls so far at one of all looks."""
+    assert trial.fit is not None
+    ratio = (before - after) / max(after, 1e-300) * int(evidence.rows.sum())
     return chance_of(ratio, trial.fit.n_parameters - current.n_parameters, trial.looks)
 
 
@@ -133,6 +152,13 @@ def _holds(evidence: Evidence, trial: Trial, current: StructureFit) -> bool:
     if free_run[0] < 0.0:
         return innovations[1] < TIED
     return trial.noise.order > 0 and innovations[0] < 0.0 and free_run[1] < TIED
+
+
+def _is_not_refuted(evidence: Evidence, trial: Trial, current: StructureFit) -> bool:
+    """Tell whether the free-run error on held-out rows does not rise by more than chance."""
+    assert trial.fit is not None
+    before, after = (evidence.residual(fit)[evidence.held_out] for fit in (current, trial.fit))
+    return block_separation(before, after) < TIED
 
 
 def is_better_held_out(evidence: Evidence, fit: StructureFit, other: StructureFit) -> bool:

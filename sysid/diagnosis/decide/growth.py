@@ -7,7 +7,7 @@ from typing import NamedTuple
 from sysid.diagnosis.decide.acceptance import is_accepted, is_significant, tied
 from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
-from sysid.diagnosis.decide.revision import exchanged, pruned, still_tied
+from sysid.diagnosis.decide.revision import exchanged, freed, pruned, still_tied
 from sysid.diagnosis.decide.rungs import rungs_to
 from sysid.diagnosis.decide.trials import POLISHED, Trials
 from sysid.diagnosis.effects.base import Effect
@@ -93,6 +93,7 @@ class Growth:
                 tie = tied(evidence, found)
             if len(grown.choices) > n_given + 1:
                 grown = pruned(evidence, exchanged(self.trials, grown, n_kept), n_kept)
+            grown = freed(evidence, grown, n_kept)
             if evidence.own_criterion(grown) >= evidence.own_criterion(current):
                 break  # what was accepted has been exchanged or left out again
             fits = rungs_to(evidence.structure, evidence.rows, grown, baseline, n_given)

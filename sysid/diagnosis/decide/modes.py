@@ -1,4 +1,6 @@
-"""Whether an added mode is one: beside an effect, a path that does not ring stands for what is unknown."""
+"""Whether an added mode is one: beside an effect, other paths stand for what is unknown."""
+
+from typing import Any
 
 import numpy as np
 
@@ -7,6 +9,8 @@ from sysid.diagnosis.structures.structure import StructureFit
 MODE = "extra_mode"
 # A mode of more damping has no peak to speak of in its response.
 LIGHTLY = 0.4
+# Logarithms of poles that differ by this share of their size are at one place.
+SAME_PLACE = 0.1
 
 
 def rings(fit: StructureFit) -> bool:
@@ -21,6 +25,28 @@ def rings(fit: StructureFit) -> bool:
     return damping <= LIGHTLY or least_damping(_denominator(fit)) <= LIGHTLY
 
 
+def is_the_plant_again(fit: StructureFit, period: float) -> bool:
+    """Tell whether the added mode is where a mode of the model is.
+
+    Two like paths, one of them behind a map of the input, are one path behind another map: a limit is the
+    input less what a dead zone passes.
+
+    Parameters
+    ----------
+    fit : StructureFit
+        With the effect ``extra_mode``.
+    period : float
+        Sampling period [s].
+    """
+    values = {p.name: p.value for p in fit.parameters_of(MODE)}
+    damping = min(values["damping"], 1.0)
+    added = -values["frequency"] * period * complex(damping, np.sqrt(1.0 - damping**2))
+    own = _logarithms(_denominator(fit))
+    return bool(
+        (np.minimum(np.abs(own - added), np.abs(own - added.conjugate())) < SAME_PLACE * np.abs(own)).any()
+    )
+
+
 def least_damping(denominator: list[float]) -> float:
     """Return the smallest damping ratio of the complex poles of 1 + a1 q^-1 + ...; 1 without any.
 
@@ -31,9 +57,14 @@ def least_damping(denominator: list[float]) -> float:
     >>> least_damping([-0.5])
     1.0
     """
-    poles = np.roots([1.0, *denominator]).astype(complex)
-    logarithms = np.log(poles[(poles.imag != 0.0) & (poles != 0.0)])
+    logarithms = _logarithms(denominator)
     return float(np.min(-logarithms.real / np.abs(logarithms), initial=1.0))
+
+
+def _logarithms(denominator: list[float]) -> "np.ndarray[Any, np.dtype[np.complex128]]":
+    """Return the logarithms of the complex poles."""
+    poles = np.roots([1.0, *denominator]).astype(complex)
+    return np.asarray(np.log(poles[(poles.imag != 0.0) & (poles != 0.0)]))
 
 
 def _denominator(fit: StructureFit) -> list[float]:

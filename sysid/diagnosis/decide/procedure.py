@@ -20,7 +20,7 @@ from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
 from sysid.diagnosis.decide.ranking import with_every_candidate
 from sysid.diagnosis.decide.refinement import refined
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, Evidence, interleaved
-from sysid.diagnosis.decide.revision import exchanged
+from sysid.diagnosis.decide.revision import exchanged, freed
 from sysid.diagnosis.decide.rungs import rungs_to
 from sysid.diagnosis.decide.trials import POLISHED, Trials
 from sysid.diagnosis.decide.verdict import Judge, explains_most, leaves_a_trace
@@ -247,7 +247,8 @@ class Attempt:
 
         Alone, a look-alike can explain more than either of two effects that together explain everything.
         """
-        for pair in self._pairs(trials):
+        for found in self._pairs(trials):
+            pair = freed(self.evidence, found, len(self.growth.given))
             if not is_better_held_out(self.evidence, pair, decision.final):
                 continue
             other = self._judged_pair(decision, pair, trials)

@@ -1,11 +1,14 @@
 """Effects that were found earlier, seen again beside those found later: exchanged or left out."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from sysid.diagnosis.decide.acceptance import TIED
 from sysid.diagnosis.decide.evidence import block_separation
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.decide.trials import Trials
+from sysid.diagnosis.structures.sides import freer_forms
 from sysid.diagnosis.structures.structure import Effort, StructureFit, filtered
 
 # How many are tried in the place of one that was accepted before.
@@ -30,6 +33,23 @@ def exchanged(trials: Trials, fit: StructureFit, n_given: int) -> StructureFit:
         limit = evidence.criterion(fit, noise) - SAME_CRITERION
         if found and found[0].fit is not None and found[0].criterion < limit:
             fit = found[0].fit
+    return fit
+
+
+def freed(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:
+    """Give each earlier effect the freedom that was too much for it alone, such as sides of their own.
+
+    Its form was chosen before the others were there: what they moved hid how its sides differ, and a further
+    effect would mend it.
+    """
+    for position in range(n_given, len(fit.choices)):
+        for form in freer_forms(fit.choices[position]):
+            choices = list(fit.choices)
+            choices[position] = replace(choices[position], form=form)
+            noise = evidence.colour(fit)
+            other = evidence.structure.fit(choices, evidence.rows, noise.polynomial, fit, effort=Effort.REFIT)
+            if other.usable and evidence.criterion(other, noise) < evidence.criterion(fit, noise):
+                fit = other
     return fit
 
 

@@ -1,25 +1,30 @@
 """The verdict on a model with the effects that were found: is anything left that nothing explains."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
-from sysid.diagnosis.decide.modes import MODE, rings
+from sysid.diagnosis.decide.modes import MODE, is_the_plant_again, rings
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, Evidence
-from sysid.diagnosis.structures.structure import WHITE, Effort, StructureFit
+from sysid.diagnosis.structures.structure import WHITE, Effort, StructureFit, with_fine_steps
 
 # Noise that is coloured beside an effect is a trace of something else if the probes find this.
 SUSPECT_P_VALUE = 3e-3
 # Something is left when the probes find this share of the explainable.
 LEFT_SHARE, SUSPECT_SHARE = 0.01, 0.004
-# Of two effects or more, each true, nothing is left; two that only together resemble a third leave a trace.
-COMPOSED_SHARE = 0.001
+# Beside true effects white noise is left alone; those that only resemble what is missing leave a trace.  Of
+# two or more, which can resemble a third together, less of a proof is asked for.
+TRACE_P_VALUE, TRACE_SHARE = 1e-4, 0.001
+# What is found at a second attempt must leave less.
+LEAST_TRACE = 0.0005
 # Where everything is significant, effects explain a record unless they leave more than they explain.
 MOST_LEFT = 0.5
 # Effects stay accepted beside something unexplained if they leave at most this share of the explainable.
 LEAST_EXPLAINED = 0.9
+# What is left beside effects that stand is a detail of its own up to this share of the explainable.
+DETAIL_SHARE = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +67,8 @@ class Judge:
             Whether what is left is known to be noise that a controller handed on to the input.
         """
         evidence = self.evidence
+        if fits:  # what coarse steps do wrong is left, too, but not missing
+            fits = [*fits[:-1], with_fine_steps(evidence.structure, fits[-1], WHITE)]
         fits = self._polished(fits)
         final = fits[-1] if fits else baseline
         noise = evidence.noise(final)
@@ -70,17 +77,20 @@ class Judge:
         composed = len(final.choices) > len(self.given) + 1
         chance, share = LEFT_P_VALUE, LEFT_SHARE
         rows = evidence.rows
-        if fits and coloured:
+        if fits:
             # All rows that may be learnt from: a trace is weaker than what the search stopped at.
             rows = evidence.structure.record.learning
+            chance, share = TRACE_P_VALUE, TRACE_SHARE
+        if fits and coloured:
             chance, share = SUSPECT_P_VALUE, SUSPECT_SHARE
         if composed:
-            rows = evidence.structure.record.learning
-            chance, share = SUSPECT_P_VALUE, COMPOSED_SHARE
+            chance, share = SUSPECT_P_VALUE, TRACE_SHARE
         if fits and evidence.smooth:
             share = MOST_LEFT
         left_p, left_share, floor = evidence.left(baseline, final, rows)
-        stands_in = composed and not evidence.smooth and MODE in final.names and not rings(final)
+        period = evidence.structure.record.period
+        stands_in = composed and not evidence.smooth and MODE in final.names
+        stands_in = stands_in and (not rings(final) or is_the_plant_again(final, period))
         if fed_back:
             left_p, left_share, floor = 1.0, 0.0, float(np.sqrt(np.mean(evidence.residual(final)[rows] ** 2)))
         if not fed_back and (stands_in or (left_p < chance and left_share > share)):
@@ -117,9 +127,22 @@ def explains_most(left_share: float) -> bool:
     return left_share <= 1.0 - LEAST_EXPLAINED
 
 
+def with_a_detail_left(decision: Decision) -> Decision:
+    """Return the verdict on effects each of which counts and which no free-form curve outdoes.
+
+    A true effect beside a small one that nobody listed leaves as much as a look-alike does: some per cent, of
+    which a long or quiet record is sure.  What tells them apart is that one curve explains what look-alikes
+    share out among them.  Where the cause has a memory no curve does; then a mode among the effects gives it
+    away, for in parallel it takes up what any memory does.
+    """
+    if MODE in decision.final.names or decision.left_share > DETAIL_SHARE:
+        return decision
+    return replace(decision, verdict="missing-effect", rejected=())
+
+
 def leaves_a_trace(decision: Decision) -> bool:
     """Tell whether a model that seems to explain all still leaves more than nothing."""
-    return decision.left_p_value < SUSPECT_P_VALUE and decision.left_share > SUSPECT_SHARE
+    return decision.left_p_value < SUSPECT_P_VALUE and decision.left_share > LEAST_TRACE
 
 
 def _in_order(fits: Sequence[StructureFit]) -> list[str]:

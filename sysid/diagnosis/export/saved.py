@@ -14,7 +14,8 @@ from sysid.diagnosis.effects.catalogue import find_effects
 from sysid.diagnosis.export.saved_physics import KIND as PHYSICAL
 from sysid.diagnosis.export.saved_physics import SavedPhysicalModel, saved_physical_model
 from sysid.diagnosis.ladder import DiagnosedModel
-from sysid.diagnosis.linear.chain import Chain, Data
+from sysid.diagnosis.linear.chain import Chain
+from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.linear.structure import LinearStructure
 from sysid.diagnosis.physics.structure import PhysicsStructure
 from sysid.diagnosis.structures.pointwise import check_pointwise

@@ -3,8 +3,9 @@
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.linear.chain import Chain, Data
+from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.levenberg import Minimum
+from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.structures.cells import QUANTISER, Cells, cells_of, inside_cells
 
 

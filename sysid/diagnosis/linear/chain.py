@@ -2,22 +2,23 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from sysid.data.record import Mask
-from sysid.diagnosis.effects.base import Floats, Map
+from sysid.diagnosis.effects.base import EffectParameter, Floats, Map
 from sysid.diagnosis.effects.laws import drive_of, no_drive, pointer_of
 from sysid.diagnosis.linear.differences import STEP, quotient
 from sysid.diagnosis.linear.kernels import (
     chosen_filtered,
+    drive_differences,
     driven,
-    is_stable,
-    simulate,
+    free_run,
     simulate_driven,
-    tangent,
+    spread,
 )
+from sysid.diagnosis.linear.rows import Data
+from sysid.diagnosis.linear.tangents import tangent, tangent_driven, tangent_through
 from sysid.diagnosis.structures.structure import Choice
 from sysid.diagnosis.structures.whitening import opening
 from sysid.errors import UsageError
@@ -31,46 +32,25 @@ Slopes = tuple[Floats | float, Floats, Floats]
 
 
 @dataclass(frozen=True, eq=False)
-class Data:
-    """Rows of all experiments one after the other.
+class Layout:
+    """Where the parameters of a chain stand in a point for given rows.
 
     Attributes
     ----------
-    u, y : ndarray, shape (n_rows,)
-    used : ndarray of bool, shape (n_rows,)
-    begin : ndarray of int, shape (n_experiments + 1,)
-    period : float
+    n_linear : int
+        Number of parameters of the difference equation, starts included; they stand first.
+    places : list of slice
+        Of the parameters of each effect.
+    inputs : ndarray of int
+        Places of those of the maps of the input.
+    size : int
+        Number of all.
     """
 
-    u: Floats
-    y: Floats
-    used: Mask
-    begin: np.ndarray
-    period: float
-
-    @cached_property
-    def all_used(self) -> bool:
-        """Whether every row is one of the fit."""
-        return bool(self.used.all())
-
-    @property
-    def n_experiments(self) -> int:
-        """Number of experiments."""
-        return self.begin.size - 1
-
-    def by_experiment(self, apply: Map, sequence: Floats, p: Floats) -> Floats:
-        """Apply a map to the rows of each experiment."""
-        if self.begin.size == 2:
-            return apply(sequence, p, self.period)
-        parts = zip(self.begin[:-1], self.begin[1:], strict=True)
-        return np.concatenate([apply(sequence[i:j], p, self.period) for i, j in parts])
-
-    def lagged(self, signal: Floats, lag: int) -> Floats:
-        """Delay a signal by whole samples within each experiment."""
-        out = np.zeros_like(signal)
-        for i, j in zip(self.begin[:-1], self.begin[1:], strict=True):
-            out[i + lag : j] = signal[i : max(j - lag, i)]
-        return out
+    n_linear: int
+    places: list[slice]
+    inputs: np.ndarray
+    size: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,8 +91,9 @@ class Chain:
                 f"{len(drives)} forces are asked for in a linear model: take at most {MOST_DRIVES}"
             )
         self.drives = drives
+        self._layouts: dict[Data, Layout] = {}
         self._bounds: dict[Data, tuple[Floats, Floats]] = {}
-        self._places: dict[int, list[slice]] = {}
+        self._mapped: tuple[Data, bytes, Floats] | None = None
         compiled = [drive_of(choices[i].effect, choices[i].form) for i in drives]
         laws = [*compiled, *[no_drive()] * (MOST_DRIVES - len(drives))] if drives else []
         self.laws = [pointer_of(law) for law in laws]
@@ -121,50 +102,52 @@ class Chain:
         self.inside = inside[0] if inside else None
         self.at["parallel"] = [i for i in self.at["parallel"] if i not in inside]
 
+    def layout(self, data: Data) -> Layout:
+        """Return where the parameters stand in a point, and their bounds."""
+        found = self._layouts.get(data)
+        if found is None:
+            found = self._layouts[data] = self._laid_out(data)
+        return found
+
+    def _laid_out(self, data: Data) -> Layout:
+        starts = self.order * data.n_experiments if self.free_start else 0
+        n_linear = 2 * self.order + int(self.constant) + starts
+        places, place = [], n_linear
+        for choice in self.choices:
+            places.append(slice(place, place + len(choice.form.parameters)))
+            place = places[-1].stop
+        inputs = [row for i in self.at["input"] for row in range(places[i].start, places[i].stop)]
+        return Layout(n_linear, places, np.array(inputs, dtype=np.intp), place)
+
     def n_linear(self, data: Data) -> int:
         """Return the number of parameters of the difference equation, starts included."""
-        starts = self.order * data.n_experiments if self.free_start else 0
-        return 2 * self.order + int(self.constant) + starts
+        return self.layout(data).n_linear
 
     def places(self, data: Data) -> list[slice]:
         """Return where the parameters of each effect stand in a point."""
-        if data.n_experiments in self._places:
-            return self._places[data.n_experiments]
-        place, found = self.n_linear(data), []
-        for choice in self.choices:
-            found.append(slice(place, place + len(choice.form.parameters)))
-            place = found[-1].stop
-        self._places[data.n_experiments] = found
-        return found
+        return self.layout(data).places
 
     def size(self, data: Data) -> int:
         """Length of a point."""
-        return self.n_linear(data) + sum(len(c.form.parameters) for c in self.choices)
+        return self.layout(data).size
 
     def bounds(self, data: Data) -> tuple[Floats, Floats]:
         """Return lower and upper bounds of a point."""
-        if data in self._bounds:
-            return self._bounds[data]
-        free = np.full(self.n_linear(data), np.inf)
-        parameters = [p for c in self.choices for p in c.form.parameters]
-        # A shape stays a little away from zero, where a relative step of its difference would vanish.
-        lower = [
-            max(p.minimum, LEAST_SHAPE * float(p.grid.values(data.u, data.y[data.used], data.period).max()))
-            if p.grid is not None and p.minimum == 0.0
-            else p.minimum
-            for p in parameters
-        ]
-        upper = [p.maximum for p in parameters]
-        self._bounds[data] = np.concatenate([-free, lower]), np.concatenate([free, upper])
+        if data not in self._bounds:
+            free = np.full(self.n_linear(data), np.inf)
+            parameters = [p for c in self.choices for p in c.form.parameters]
+            lower = np.concatenate([-free, [_least(data, p) for p in parameters]])
+            self._bounds[data] = lower, np.concatenate([free, [p.maximum for p in parameters]])
         return self._bounds[data]
 
     def run(self, data: Data, point: Floats) -> Run | None:
         """Simulate; None if it diverges."""
-        places, x = self.places(data), self.mapped(data, point)
-        z, v = np.empty_like(x), np.empty_like(x)
+        x = self._recalled(data, point)
+        z = np.empty(x.size)
+        v = np.empty(x.size) if self.drives else x
         if not self._simulated(data, point, x, z, v):
             return None
-        y = z
+        places, y = self.places(data), z
         for i in self.at["parallel"]:
             y = y + data.by_experiment(_map(self.choices[i]), data.u, point[places[i]])
         outputs = [y]
@@ -174,19 +157,26 @@ class Chain:
 
     def mapped(self, data: Data, point: Floats) -> Floats:
         """Return the input after its maps."""
-        x = data.u
+        x, places = data.u, self.places(data)
         for i in self.at["input"]:
-            x = data.by_experiment(_map(self.choices[i]), x, point[self.places(data)[i]])
+            x = data.by_experiment(_map(self.choices[i]), x, point[places[i]])
         return x
 
+    def _recalled(self, data: Data, point: Floats) -> Floats:
+        """Return the input after its maps, the last one if their parameters have not moved since."""
+        if not self.at["input"]:
+            return data.u
+        key, last = point[self.layout(data).inputs].tobytes(), self._mapped
+        if last is None or last[0] is not data or last[1] != key:
+            last = self._mapped = data, key, self.mapped(data, point)
+        return last[2]
+
     def _simulated(self, data: Data, point: Floats, x: Floats, z: Floats, v: Floats) -> bool:
-        n, starts = self.order, self._starts(data, point)
-        constant = point[2 * n] if self.constant else 0.0
+        n = self.order
         if not self.drives:
-            if not is_stable(point[:n]):  # it would diverge on later rows; a force may hold such a plant
-                return False
-            v[:] = x
-            return bool(simulate(x, point[:n], point[n : 2 * n], constant, starts, data.begin, z))
+            # An unstable one would diverge on later rows; a force may hold such a plant.
+            return bool(free_run(x, point, n, self.constant, self.free_start, data.begin, z))
+        starts, constant = self._starts(data, point), point[2 * n] if self.constant else 0.0
         p, q = self._law_parameters(data, point)
         if self.inside is not None:
             from sysid.diagnosis.linear.direct_path import simulate_through
@@ -221,54 +211,58 @@ class Chain:
         return np.ascontiguousarray(point[first : self.n_linear(data)]).reshape(-1, self.order)
 
     def jacobian(self, data: Data, point: Floats, run: Run, free: Mask | None = None) -> Floats:
-        """Return the derivative of the output by the point, shape (n_parameters, n_rows).
+        """Return the derivative of the output by the ``free`` parameters, shape (n_free, n_rows).
 
-        Lines of parameters that are not ``free`` may be left at zero.
+        By all of them where nothing is said.
         """
-        self._wanted = np.ones(point.size, dtype=bool) if free is None else free
         places, n_linear = self.places(data), self.n_linear(data)
-        J = np.zeros((self.size(data), data.u.size))
+        wanted = np.ones(point.size, dtype=bool) if free is None else free
         slopes = self.drive_slopes(data, point, run)
-        moved = [(row, change * slopes[0]) for row, change in self._input_changes(data, point)]
-        moved += self._law_changes(data, point, run)
+        moved = [(row, change * slopes[0]) for row, change in self._input_changes(data, point, wanted)]
+        moved += self._law_changes(data, point, run, wanted)
         inputs = np.array([change for _, change in moved]) if moved else np.empty((0, data.u.size))
-        columns = self.followed(data, point, run, slopes, inputs)
-        J[:n_linear] = columns[:n_linear]
+        columns = self.followed(data, point, run, slopes, inputs, wanted[:n_linear])
+        rows = [*np.flatnonzero(wanted[:n_linear]).tolist(), *(row for row, _ in moved)]
         if self.inside is not None:
-            J[places[self.inside]] = columns[-1:]
-            columns = columns[:-1]
-        for (row, _), column in zip(moved, columns[n_linear:], strict=True):
-            J[row] = column
+            rows.append(places[self.inside].start)
+        if rows == np.flatnonzero(wanted).tolist():
+            J = columns
+        else:
+            line = np.cumsum(wanted) - 1
+            J = np.zeros((int(wanted.sum()), data.u.size))
+            asked = [number for number, row in enumerate(rows) if wanted[row]]
+            J[line[[rows[number] for number in asked]]] = columns[asked]
         for i in self.at["parallel"]:
-            J[places[i]] = self._differences(data, i, data.u, point)
+            self._fill_differences(data, i, data.u, point, wanted, J)
         for i, before in zip(self.at["output"], run.outputs, strict=False):
             J = self._through(data, i, before, point[places[i]], J)
-            J[places[i]] = self._differences(data, i, before, point)
+            self._fill_differences(data, i, before, point, wanted, J)
         return J
 
-    def followed(self, data: Data, point: Floats, run: Run, slopes: Slopes, inputs: Floats) -> Floats:
+    def followed(
+        self, data: Data, point: Floats, run: Run, slopes: Slopes, inputs: Floats, own: Mask
+    ) -> Floats:
         """Return how z follows its own parameters, small changes of v, and the direct path inside if any.
 
-        ``slopes`` are those of `drive_slopes`, ``inputs`` has shape (n_changes, n_rows).
+        ``slopes`` are those of `drive_slopes`, ``inputs`` has shape (n_changes, n_rows), ``own`` says which
+        of its own parameters are asked for.
         """
         n, (_, by_position, by_speed) = self.order, slopes
-        if self.inside is None:
-            return np.asarray(
-                tangent(
-                    run.z, run.v, point[:n], point[n : 2 * n], data.begin, self.constant, self.free_start,
-                    bool(self.drives), by_position, by_speed, inputs,
-                )
-            )  # fmt: skip
-        from sysid.diagnosis.linear.direct_path import tangent_through
-
-        none = np.zeros_like(run.v)
-        outputs = np.array([none] * inputs.shape[0] + [run.v])
-        return np.asarray(
-            tangent_through(
-                run.z, run.v, point[:n], point[n : 2 * n], self._direct(data, point), data.begin,
-                self.constant, self.free_start, by_position, by_speed, np.vstack([inputs, none]), outputs,
+        a, b = point[:n], point[n : 2 * n]
+        if not self.drives:
+            found = tangent(run.z, run.v, a, b, data.begin, self.constant, own, inputs)
+        elif self.inside is None:
+            found = tangent_driven(
+                run.z, run.v, a, b, data.begin, self.constant, own, by_position, by_speed, inputs
             )
-        )  # fmt: skip
+        else:
+            none = np.zeros_like(run.v)
+            outputs = np.array([none] * inputs.shape[0] + [run.v])
+            found = tangent_through(
+                run.z, run.v, a, b, self._direct(data, point), data.begin, self.constant, own,
+                by_position, by_speed, np.vstack([inputs, none]), outputs,
+            )  # fmt: skip
+        return np.asarray(found)
 
     def through_sensor(self, data: Data, point: Floats, run: Run, lines: Floats) -> Floats:
         """Return what the maps of the output make of small changes before them."""
@@ -276,13 +270,13 @@ class Chain:
             lines = self._through(data, i, before, point[self.places(data)[i]], lines)
         return lines
 
-    def _input_changes(self, data: Data, point: Floats) -> list[tuple[int, Floats]]:
+    def _input_changes(self, data: Data, point: Floats, wanted: Mask) -> list[tuple[int, Floats]]:
         """Return the change of x with each parameter of the input maps."""
         found = []
         for i in self.at["input"]:
             place = self.places(data)[i]
             for row in range(place.start, place.stop):
-                if not self._wanted[row]:
+                if not wanted[row]:
                     continue
 
                 def mapped(value: float, row: int = row) -> Floats:
@@ -293,18 +287,18 @@ class Chain:
                 found.append((row, quotient(mapped, point[row], self._is_strength(i, row - place.start))))
         return found
 
-    def _law_changes(self, data: Data, point: Floats, run: Run) -> list[tuple[int, Floats]]:
+    def _law_changes(self, data: Data, point: Floats, run: Run, wanted: Mask) -> list[tuple[int, Floats]]:
         found = []
         for i in self.drives:
             place = self.places(data)[i]
             for row in range(place.start, place.stop):
-                if not self._wanted[row]:
+                if not wanted[row]:
                     continue
 
                 def acting(value: float, row: int = row) -> Floats:
                     shifted = point.copy()
                     shifted[row] = value
-                    return self._driven(data, shifted, run, 0.0, 0.0, 0.0)
+                    return self._driven(data, shifted, run.x, run.z)
 
                 found.append((row, quotient(acting, point[row], self._is_strength(i, row - place.start))))
         return found
@@ -313,38 +307,37 @@ class Chain:
         """Return the derivative of the driven input by input, position and speed; empty without forces."""
         if not self.drives:
             return 1.0, _NONE, _NONE
-        steps = [STEP * (float(np.std(signal)) or 1.0) for signal in (run.x, run.z, np.diff(run.z))]
-        slopes = []
-        for number, step in enumerate(steps):
-            shift = [step if j == number else 0.0 for j in range(3)]
-            ahead = self._driven(data, point, run, *shift)
-            behind = self._driven(data, point, run, *(-value for value in shift))
-            slopes.append((ahead - behind) / (2.0 * step))
-        return slopes[0], slopes[1], slopes[2]
-
-    def _driven(self, data: Data, point: Floats, run: Run, du: float, dz: float, dv: float) -> Floats:
+        steps = STEP * np.array([spread(signal) for signal in (run.x, run.z, np.diff(run.z))])
         p, q = self._law_parameters(data, point)
         first, second = self.laws
-        return np.asarray(driven(run.x, run.z, data.begin, len(self.drives), first, p, second, q, du, dz, dv))
+        slopes = drive_differences(run.x, run.z, data.begin, len(self.drives), first, p, second, q, steps)
+        return slopes[0], slopes[1], slopes[2]
+
+    def _driven(self, data: Data, point: Floats, x: Floats, z: Floats) -> Floats:
+        p, q = self._law_parameters(data, point)
+        first, second = self.laws
+        return np.asarray(driven(x, z, data.begin, len(self.drives), first, p, second, q))
 
     def felt(self, data: Data, point: Floats, x: Floats, z: Floats) -> Floats:
         """Return the input that acts if the output were ``z``."""
-        return self._driven(data, point, Run(x, x, z, (z,)), 0.0, 0.0, 0.0)
+        return self._driven(data, point, x, z)
 
-    def _differences(self, data: Data, i: int, sequence: Floats, point: Floats) -> Floats:
-        """Return the change of a map's result with each of its parameters."""
+    def _fill_differences(
+        self, data: Data, i: int, sequence: Floats, point: Floats, wanted: Mask, J: Floats
+    ) -> None:
+        """Fill the lines of the wanted parameters of a map: how its result changes with them."""
         place = self.places(data)[i]
         p = point[place]
-        lines = np.zeros((p.size, sequence.size))
-        for j in np.flatnonzero(self._wanted[place]).tolist():
+        line = int(np.count_nonzero(wanted[: place.start]))
+        for j in np.flatnonzero(wanted[place]).tolist():
 
             def mapped(value: float, j: int = j) -> Floats:
                 shifted = p.copy()
                 shifted[j] = value
                 return data.by_experiment(_map(self.choices[i]), sequence, shifted)
 
-            lines[j] = quotient(mapped, p[j], self._is_strength(i, j))
-        return lines
+            J[line] = quotient(mapped, p[j], self._is_strength(i, j))
+            line += 1
 
     def _is_strength(self, i: int, j: int) -> bool:
         return self.choices[i].form.parameters[j].is_strength
@@ -356,19 +349,21 @@ class Chain:
             return J
         if form.slope == "linear":
             return np.array([data.by_experiment(apply, line, p) for line in J])
-        step = STEP * (float(np.std(before)) or 1.0)
+        step = STEP * spread(before)
         with np.errstate(all="ignore"):  # a run that is about to diverge: what is not finite is turned away
             ahead = data.by_experiment(apply, before + step, p)
             return np.asarray(J * ((ahead - data.by_experiment(apply, before - step, p)) / (2.0 * step)))
 
     def error(self, data: Data, run: Run, noise: Floats) -> Floats:
         """Return the filtered error of a run on the used rows."""
-        return np.asarray(self._filtered(data, (data.y - run.y)[np.newaxis], noise)[0])
+        missed = data.y - run.y
+        if noise.size == 1 and data.all_used:
+            return missed
+        return np.asarray(self._filtered(data, missed[np.newaxis], noise)[0])
 
     def slopes(self, data: Data, point: Floats, run: Run, noise: Floats, free: Mask | None = None) -> Floats:
         """Return the filtered derivative by the free parameters, shape (n_free, n_used)."""
-        J = self.jacobian(data, point, run, free)
-        return self._filtered(data, J if free is None else J[free], noise)
+        return self._filtered(data, self.jacobian(data, point, run, free), noise)
 
     def _filtered(self, data: Data, lines: Floats, noise: Floats) -> Floats:
         if noise.size == 1 and data.all_used:
@@ -383,6 +378,16 @@ def too_many_drives(choices: Sequence[Choice]) -> bool:
 
 _PORTS = ("input", "output", "force", "gain", "parallel", "noise")
 _NONE = np.empty(0)
+
+
+def _least(data: Data, parameter: EffectParameter) -> float:
+    """Return the lower bound of a parameter.
+
+    A shape stays a little away from zero, where a relative step of its difference would vanish.
+    """
+    if parameter.grid is None or parameter.minimum != 0.0:
+        return parameter.minimum
+    return LEAST_SHAPE * float(data.tried(parameter.grid).max())
 
 
 def _map(choice: Choice) -> Map:

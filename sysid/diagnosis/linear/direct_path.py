@@ -6,13 +6,11 @@ y(k) and y(k) - y(k-1): so each y(k) is the root of an equation.
 
 from typing import Any
 
-import numpy as np
 from numba import types
 
-from sysid._compile import compiled
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.effects.laws import Drive, drive_signature
-from sysid.diagnosis.linear.kernels import LARGEST, with_drives
+from sysid.diagnosis.linear.kernels import LARGEST, drive_at, with_drives
 
 # Steps of the secant method, and the error it ends with, beside the size of what is added up: rounding.
 ROOT_STEPS, ROOT_ERROR = 50, 1e-14
@@ -20,17 +18,6 @@ ROOT_STEPS, ROOT_ERROR = 50, 1e-14
 _number, _row, _index = types.float64, types.Array(types.float64, 1, "C"), types.Array(types.int64, 1, "C")
 _matrix = types.Array(types.float64, 2, "C")
 _drive = types.FunctionType(drive_signature())
-
-
-@with_drives(_number(_number, _number, _number, types.int64, _drive, _row, _drive, _row))
-def drive_at(
-    x: float, position: float, before: float, n_drives: int, first: Drive, p: Floats, second: Drive, q: Floats
-) -> float:
-    """Return the input after the drives, the output moving from ``before`` to ``position``."""
-    acting = first(x, position, position - before, p)
-    if n_drives > 1:
-        acting = second(acting, position, position - before, q)
-    return acting
 
 
 @with_drives(
@@ -83,7 +70,7 @@ def simulate_through(
             here = value + direct * x[k]
             size = abs(value) + abs(direct * x[k])
             before = y[k - 1] if age > 0 else here
-            acting = drive_at(x[k], here, before, n_drives, first, p, second, q)
+            acting = drive_at(x[k], here, here - before, n_drives, first, p, second, q)
             error = value + direct * acting - here
             change = error
             for _ in range(ROOT_STEPS):
@@ -92,7 +79,7 @@ def simulate_through(
                 here += change
                 if age == 0:
                     before = here
-                acting = drive_at(x[k], here, before, n_drives, first, p, second, q)
+                acting = drive_at(x[k], here, here - before, n_drives, first, p, second, q)
                 error_before, error = error, value + direct * acting - here
                 if error == error_before:
                     break
@@ -101,60 +88,3 @@ def simulate_through(
                 return False
             y[k], v[k] = here, acting
     return True
-
-
-@compiled
-def tangent_through(
-    y: Floats,
-    v: Floats,
-    a: Floats,
-    b: Floats,
-    direct: float,
-    begin: Any,
-    with_constant: bool,
-    with_start: bool,
-    by_position: Floats,
-    by_speed: Floats,
-    inputs: Floats,
-    outputs: Floats,
-) -> Floats:
-    """Return dy by a, b, the constant, the starts and changes ``inputs`` of v and ``outputs`` of y.
-
-    Changes of y are those at given v; shape (n_columns, n_rows).
-    """
-    order, n_experiments, n_inputs = a.shape[0], begin.shape[0] - 1, inputs.shape[0]
-    first_start = 2 * order + int(with_constant)
-    n_own = first_start + (n_experiments * order if with_start else 0)
-    out = np.zeros((n_own + n_inputs, y.shape[0]))
-    dz, dv = np.empty(y.shape[0]), np.empty(y.shape[0])
-    for column in range(n_own + n_inputs):
-        dy = out[column]
-        for e in range(n_experiments):
-            first, last = begin[e], begin[e + 1]
-            if column >= first_start and column < n_own and (column - first_start) // order != e:
-                continue
-            for k in range(first, last):
-                age = k - first
-                value = 0.0
-                if column < order:
-                    if age > column:
-                        lagged = k - column - 1
-                        value = direct * v[lagged] - y[lagged]
-                elif column < 2 * order:
-                    if age > column - order:
-                        value = v[k - column + order - 1]
-                elif column < first_start or (column < n_own and age == (column - first_start) % order):
-                    value = 1.0
-                for i in range(1, min(order, age) + 1):
-                    value += b[i - 1] * dv[k - i] - a[i - 1] * dz[k - i]
-                dz[k] = value
-                own = moved = 0.0
-                if column >= n_own:
-                    own, moved = inputs[column - n_own, k], outputs[column - n_own, k]
-                slope = by_position[k]
-                if age > 0:
-                    slope += by_speed[k]
-                    own -= by_speed[k] * dy[k - 1]
-                dy[k] = (value + moved + direct * own) / (1.0 - direct * slope)
-                dv[k] = own + slope * dy[k]
-    return out

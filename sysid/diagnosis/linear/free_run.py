@@ -5,8 +5,9 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.linear.chain import Chain, Data
+from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.levenberg import minimise
+from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.structures.structure import WHITE
 from sysid.linear.simulation import first_rows
 

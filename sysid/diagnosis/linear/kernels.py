@@ -1,4 +1,4 @@
-"""Compiled recursions of a difference equation with forces fed back to its input.
+"""Compiled recursions of a difference equation with forces fed back to its input: its runs.
 
 z(k) = -a1 z(k-1) - ... + b1 v(k-1) + ... + constant + start(k), where v(k) is the input x(k) after up to two
 drives that see z(k) and z(k) - z(k-1).  ``begin`` holds the first row of each experiment and, last, the
@@ -57,21 +57,108 @@ def is_stable(a: Floats) -> bool:
 
 
 @compiled
+def add_delayed(x: Floats, b: Floats, first: int, last: int, out: Floats) -> None:
+    """Add b1 x(k-1) + b2 x(k-2) + ... to the rows from ``first`` to ``last`` of ``out``."""
+    for i in range(b.shape[0]):
+        for k in range(first + i + 1, last):
+            out[k] += b[i] * x[k - i - 1]
+
+
+@compiled
+def all_pole(d: Floats, a: Floats, first: int, last: int) -> None:
+    """Filter the rows from ``first`` to ``last`` by 1/A, in place and from rest.
+
+    The usual orders keep what they remember in registers: half the time.
+    """
+    order = a.shape[0]
+    opened = min(first + order, last)
+    for k in range(first, opened):
+        for i in range(k - first, 0, -1):
+            d[k] -= a[i - 1] * d[k - i]
+    if opened == last:
+        return
+    if order == 1:
+        one = d[first]
+        for k in range(opened, last):
+            one = d[k] - a[0] * one
+            d[k] = one
+    elif order == 2:
+        one, two = d[first + 1], d[first]
+        for k in range(opened, last):
+            one, two = (d[k] - a[1] * two) - a[0] * one, one
+            d[k] = one
+    elif order == 3:
+        one, two, three = d[first + 2], d[first + 1], d[first]
+        for k in range(opened, last):
+            one, two, three = ((d[k] - a[2] * three) - a[1] * two) - a[0] * one, one, two
+            d[k] = one
+    else:
+        for k in range(opened, last):
+            value = d[k]
+            for i in range(order, 0, -1):
+                value -= a[i - 1] * d[k - i]
+            d[k] = value
+
+
+@compiled
 def simulate(x: Floats, a: Floats, b: Floats, constant: float, start: Floats, begin: Any, z: Floats) -> bool:
     """Fill ``z`` where nothing is fed back; return False if the run diverges."""
-    order = a.shape[0]
     for e in range(begin.shape[0] - 1):
-        for k in range(begin[e], begin[e + 1]):
-            age = k - begin[e]
-            value = constant
-            for i in range(1, min(order, age) + 1):
-                value += b[i - 1] * x[k - i] - a[i - 1] * z[k - i]
-            if age < order:
-                value += start[e, age]
-            if not abs(value) < LARGEST:
+        first, last = begin[e], begin[e + 1]
+        for k in range(first, last):
+            z[k] = constant
+        for age in range(min(a.shape[0], last - first)):
+            z[first + age] += start[e, age]
+        add_delayed(x, b, first, last, z)
+        all_pole(z, a, first, last)
+        for k in range(first, last):
+            if not abs(z[k]) < LARGEST:
                 return False
-            z[k] = value
     return True
+
+
+@compiled
+def free_run(
+    x: Floats, point: Floats, order: int, with_constant: bool, with_start: bool, begin: Any, z: Floats
+) -> bool:
+    """Fill ``z`` where nothing is fed back; return False if a pole is unstable or the run diverges.
+
+    ``point`` begins with a, b, the constant and the starts, if there are any.
+    """
+    a, b = point[:order], point[order : 2 * order]
+    if not is_stable(a):
+        return False
+    constant, n_experiments, first = 0.0, begin.shape[0] - 1, 2 * order
+    if with_constant:
+        constant = point[first]
+        first += 1
+    start = np.zeros((n_experiments, order))
+    if with_start:
+        for e in range(n_experiments):
+            for age in range(order):
+                start[e, age] = point[first + e * order + age]
+    return simulate(x, a, b, constant, start, begin, z)
+
+
+@compiled
+def spread(signal: Floats) -> float:
+    """Return the standard deviation, one for a signal that does not move."""
+    middle = np.mean(signal)
+    total = 0.0
+    for value in signal:
+        total += (value - middle) ** 2
+    return np.sqrt(total / signal.shape[0]) or 1.0
+
+
+@numba.njit(inline="always")  # handed on to a function of its own, a drive costs twice its time
+def drive_at(
+    x: float, position: float, speed: float, n_drives: int, first: Drive, p: Floats, second: Drive, q: Floats
+) -> float:
+    """Return the input after the drives."""
+    acting = first(x, position, speed, p)
+    if n_drives > 1:
+        acting = second(acting, position, speed, q)
+    return acting
 
 
 @with_drives(
@@ -107,17 +194,12 @@ def simulate_driven(
             if not abs(value) < LARGEST:
                 return False
             z[k] = value
-            acting = x[k]
-            if n_drives > 0:
-                speed = value - z[k - 1] if age > 0 else 0.0
-                acting = first(acting, value, speed, p)
-                if n_drives > 1:
-                    acting = second(acting, value, speed, q)
-            v[k] = acting
+            speed = value - z[k - 1] if age > 0 else 0.0
+            v[k] = drive_at(x[k], value, speed, n_drives, first, p, second, q)
     return True
 
 
-@with_drives(_row(_row, _row, _index, types.int64, _drive, _row, _drive, _row, _number, _number, _number))
+@with_drives(_row(_row, _row, _index, types.int64, _drive, _row, _drive, _row))
 def driven(
     x: Floats,
     z: Floats,
@@ -127,80 +209,44 @@ def driven(
     p: Floats,
     second: Drive,
     q: Floats,
-    du: float,
-    dz: float,
-    dv: float,
 ) -> Floats:
-    """Return v for a given z, with input, position and speed shifted: for its derivatives."""
+    """Return v for a given z."""
     out = np.empty(x.shape[0])
     for e in range(begin.shape[0] - 1):
         for k in range(begin[e], begin[e + 1]):
-            speed = (z[k] - z[k - 1] if k > begin[e] else 0.0) + dv
-            acting = first(x[k] + du, z[k] + dz, speed, p)
-            if n_drives > 1:
-                acting = second(acting, z[k] + dz, speed, q)
-            out[k] = acting
+            speed = z[k] - z[k - 1] if k > begin[e] else 0.0
+            out[k] = drive_at(x[k], z[k], speed, n_drives, first, p, second, q)
     return out
 
 
-@compiled
-def tangent(
+@with_drives(_matrix(_row, _row, _index, types.int64, _drive, _row, _drive, _row, _row))
+def drive_differences(
+    x: Floats,
     z: Floats,
-    v: Floats,
-    a: Floats,
-    b: Floats,
     begin: Any,
-    with_constant: bool,
-    with_start: bool,
-    feedback: bool,
-    by_position: Floats,
-    by_speed: Floats,
-    inputs: Floats,
+    n_drives: int,
+    first: Drive,
+    p: Floats,
+    second: Drive,
+    q: Floats,
+    steps: Floats,
 ) -> Floats:
-    """Return dz by a, b, the constant, the starts and changes ``inputs`` of v, shape (n_columns, n_rows).
-
-    Without feedback the derivatives by a1, a2, ... are one filtered signal, shifted; those by b, too.
-    """
-    order, n_experiments, n_inputs = a.shape[0], begin.shape[0] - 1, inputs.shape[0]
-    first_start = 2 * order + int(with_constant)
-    n_own = first_start + (n_experiments * order if with_start else 0)
-    out = np.zeros((n_own + n_inputs, z.shape[0]))
-    changed = np.zeros(z.shape[0])
-    for column in range(n_own + n_inputs):
-        d = out[column]
-        shifted = not feedback and column < 2 * order and column % order > 0
-        for e in range(n_experiments):
-            first, last = begin[e], begin[e + 1]
-            if shifted:
-                before = out[column - 1]
-                for k in range(first + 1, last):
-                    d[k] = before[k - 1]
-                continue
-            if column >= first_start and column < n_own and (column - first_start) // order != e:
-                continue
-            for k in range(first, last):
-                age = k - first
-                value = 0.0
-                if column < order:
-                    if age > column:
-                        value = -z[k - column - 1]
-                elif column < 2 * order:
-                    if age > column - order:
-                        value = v[k - column + order - 1]
-                elif column < first_start or (column < n_own and age == (column - first_start) % order):
-                    value = 1.0
-                lags = min(order, age)
-                for i in range(1, lags + 1):
-                    value -= a[i - 1] * d[k - i]
-                if feedback or column >= n_own:
-                    for i in range(1, lags + 1):
-                        value += b[i - 1] * changed[k - i]
-                    changed[k] = inputs[column - n_own, k] if column >= n_own else 0.0
-                    if feedback:
-                        changed[k] += by_position[k] * value
-                        if age > 0:
-                            changed[k] += by_speed[k] * (value - d[k - 1])
-                d[k] = value
+    """Return the slopes of v by input, position and speed at a given z, by central differences."""
+    out = np.empty((3, x.shape[0]))
+    du, dz, dv = steps[0], steps[1], steps[2]
+    for e in range(begin.shape[0] - 1):
+        for k in range(begin[e], begin[e + 1]):
+            u, y = x[k], z[k]
+            v = y - z[k - 1] if k > begin[e] else 0.0
+            ahead = drive_at(u + du, y, v, n_drives, first, p, second, q)
+            behind = drive_at(u - du, y, v, n_drives, first, p, second, q)
+            out[0, k] = (ahead - behind) / (2.0 * du)
+            ahead = drive_at(u, y + dz, v, n_drives, first, p, second, q)
+            behind = drive_at(u, y - dz, v, n_drives, first, p, second, q)
+            out[1, k] = (ahead - behind) / (2.0 * dz)
+            ahead = drive_at(u, y, v + dv, n_drives, first, p, second, q)
+            behind = drive_at(u, y, v - dv, n_drives, first, p, second, q)
+            out[2, k] = (ahead - behind) / (2.0 * dv)
     return out
 
 
@@ -211,27 +257,35 @@ def chosen_filtered(values: Floats, used: Any, begin: Any, noise: Floats, first:
     The first rows of each run have the weights ``first`` (order, order) of
     `sysid.diagnosis.structures.whitening`.
     """
-    count = 0
-    for k in range(used.shape[0]):
-        count += used[k]
-    out = np.empty((values.shape[0], count))
+    edges = _runs(used, begin)
+    out = np.empty((values.shape[0], np.sum(edges[:, 1] - edges[:, 0])))
     for line in range(values.shape[0]):
         row = 0
-        for e in range(begin.shape[0] - 1):
-            run = 0
-            for k in range(begin[e], begin[e + 1]):
-                if not used[k]:
-                    run = 0
-                    continue
-                if run < noise.shape[0] - 1:
-                    value = 0.0
-                    for lag in range(run + 1):
-                        value += first[run, run - lag] * values[line, k - lag]
-                else:
-                    value = values[line, k]
-                    for lag in range(1, noise.shape[0]):
-                        value += noise[lag] * values[line, k - lag]
-                out[line, row] = value
-                row += 1
-                run += 1
+        for number in range(edges.shape[0]):
+            start, length = edges[number, 0], edges[number, 1] - edges[number, 0]
+            signal, kept = values[line, start : start + length], out[line, row : row + length]
+            for k in range(length):
+                kept[k] = signal[k]
+            for lag in range(1, min(noise.shape[0], length)):
+                for k in range(lag, length):
+                    kept[k] += noise[lag] * signal[k - lag]
+            for k in range(min(noise.shape[0] - 1, length)):
+                kept[k] = 0.0
+                for lag in range(k + 1):
+                    kept[k] += first[k, k - lag] * signal[k - lag]
+            row += length
     return out
+
+
+@compiled
+def _runs(used: Any, begin: Any) -> Any:
+    """Return where runs of used rows begin and end, shape (n_runs, 2); none crosses experiments."""
+    edges, count = np.empty((used.shape[0], 2), dtype=np.int64), 0
+    for e in range(begin.shape[0] - 1):
+        for k in range(begin[e], begin[e + 1]):
+            if used[k]:
+                if k == begin[e] or not used[k - 1]:
+                    edges[count, 0] = k
+                    count += 1
+                edges[count - 1, 1] = k + 1
+    return edges[:count]

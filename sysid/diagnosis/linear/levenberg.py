@@ -1,4 +1,10 @@
-"""Levenberg-Marquardt over some of the parameters of a chain."""
+"""Levenberg-Marquardt over some of the parameters of a chain.
+
+`sysid.separable.descend` does the same for any problem, with more to say about its end.  Here thousands of
+descents of a few steps each are taken for one answer, most of them of a thousand rows and ten unknowns: what
+is left besides runs and slopes must be small beside them, so that steps are compiled and a run that diverges
+is no error.
+"""
 
 from dataclasses import dataclass
 
@@ -6,9 +12,13 @@ import numpy as np
 
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.linear.chain import Chain, Data, Run
+from sysid.diagnosis.linear.chain import Chain, Run
+from sysid.diagnosis.linear.rows import Data
+from sysid.diagnosis.linear.triangles import damped_step, scaled_triangle
 
 FIRST_DAMPING, LARGEST_DAMPING = 1e-4, 1e8
+# A step that would lower the cost by less than this share of the tolerance, were all linear, is not taken.
+NEGLIGIBLE = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,28 +59,27 @@ def minimise(
         The search ends when two steps running lower the cost by less than this share.
     """
     lower, upper = chain.bounds(data)
-    point = np.clip(start, lower, upper)
+    point = _within(start, lower, upper)
     run = chain.run(data, point)
     if run is None:
         return None
-    free = np.ones(point.size, dtype=bool) if free is None else free
-    identity = np.eye(int(free.sum()))
+    places = np.arange(point.size) if free is None else np.flatnonzero(free)
+    low, high = lower[places], upper[places]
     error = chain.error(data, run, noise)
     cost, damping, small = float(error @ error), FIRST_DAMPING, 0
     for _ in range(iterations):
-        J = chain.slopes(data, point, run, noise, free)
-        with np.errstate(all="ignore"):  # what is not finite ends the search below
-            H, g = J @ J.T, J @ error
-            scale = np.sqrt(np.diag(H))
-            scale[scale == 0.0] = 1.0
-            H, g = H / np.outer(scale, scale), g / scale
-        if not (np.isfinite(H).all() and np.isfinite(g).all()):
+        lines, here = chain.slopes(data, point, run, noise, free), point[places]
+        R, c, lengths = scaled_triangle(lines, error, here <= low, here >= high)
+        if not float(c @ c) + float(R.sum()) < np.inf:
             return Minimum(point, run, cost, False)
         before = cost
         while damping < LARGEST_DAMPING:
+            step, lowered = damped_step(R, c, damping)
+            if lowered <= NEGLIGIBLE * tolerance * cost:
+                return Minimum(point, run, cost, True)
             trial = point.copy()
-            trial[free] += np.linalg.solve(H + damping * identity, g) / scale
-            trial = np.clip(trial, lower, upper)
+            trial[places] += step / lengths
+            trial = _within(trial, lower, upper)
             tried = chain.run(data, trial)
             if tried is not None:
                 new_error = chain.error(data, tried, noise)
@@ -86,3 +95,7 @@ def minimise(
         if small == 2 or cost == 0.0:
             return Minimum(point, run, cost, True)
     return Minimum(point, run, cost, False)
+
+
+def _within(point: Floats, lower: Floats, upper: Floats) -> Floats:
+    return np.minimum(np.maximum(point, lower), upper)

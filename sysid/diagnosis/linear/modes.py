@@ -5,8 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.linear.chain import Chain, Data
+from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.levenberg import Minimum, minimise
+from sysid.diagnosis.linear.rows import Data
 
 # Points of the grid on either side from which other minima are searched.
 NEIGHBOURS = 2

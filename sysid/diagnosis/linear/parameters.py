@@ -7,8 +7,9 @@ import numpy as np
 from sysid.data import Record
 from sysid.diagnosis.effects.base import EffectParameter, Floats
 from sysid.diagnosis.linear.cells import read_cells
-from sysid.diagnosis.linear.chain import Chain, Data
+from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.modes import errors_over_minima
+from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.structures.structure import Choice, FittedParameter
 
 # Of the diagonal of R, columns scaled to unit length: below it the unknowns cannot be told apart.

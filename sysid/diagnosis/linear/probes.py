@@ -3,7 +3,8 @@
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.linear.chain import Chain, Data
+from sysid.diagnosis.linear.chain import Chain
+from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.structures.probe_functions import EXTRA_LAGS, probe_functions
 
 
@@ -35,8 +36,8 @@ def probe_directions(chain: Chain, data: Data, point: Floats, since: int = 0) ->
         )
         for lag in (since, 0)
     )
-    slopes, own = chain.drive_slopes(data, point, run), chain.n_linear(data)
-    through = chain.followed(data, point, run, slopes, acting)[own : own + len(acting)]
+    slopes, none = chain.drive_slopes(data, point, run), np.zeros(chain.n_linear(data), dtype=bool)
+    through = chain.followed(data, point, run, slopes, acting, none)[: len(acting)]
     through = chain.through_sensor(data, point, run, through)
     lags = [data.lagged(data.u, lag) for lag in range(since, 2 * n + EXTRA_LAGS + 1)]
     return np.vstack([functions, through, lags])

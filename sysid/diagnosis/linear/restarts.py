@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.linear.chain import Chain, Data
+from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.levenberg import Minimum, minimise
+from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.structures.structure import WHITE
 
 # Searches agree when their root mean square errors differ by this share.

@@ -1,15 +1,70 @@
 """The rows of a record as a chain runs over them: each experiment up to its last row that counts."""
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 
 from sysid.data import Record
 from sysid.data.record import Mask
-from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.linear.chain import Data
+from sysid.diagnosis.effects.base import Floats, Grid, Map
 from sysid.errors import DataError
 
 # A search runs on at most this many rows; its end is polished on all of them.
 SEARCH_ROWS = 6000
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """Rows of all experiments one after the other.
+
+    Attributes
+    ----------
+    u, y : ndarray, shape (n_rows,)
+    used : ndarray of bool, shape (n_rows,)
+    begin : ndarray of int, shape (n_experiments + 1,)
+    period : float
+    """
+
+    u: Floats
+    y: Floats
+    used: Mask
+    begin: np.ndarray
+    period: float
+
+    @cached_property
+    def _tried(self) -> dict[Grid, Floats]:
+        return {}
+
+    @cached_property
+    def all_used(self) -> bool:
+        """Whether every row is one of the fit."""
+        return bool(self.used.all())
+
+    @property
+    def n_experiments(self) -> int:
+        """Number of experiments."""
+        return self.begin.size - 1
+
+    def by_experiment(self, apply: Map, sequence: Floats, p: Floats) -> Floats:
+        """Apply a map to the rows of each experiment."""
+        if self.begin.size == 2:
+            return apply(sequence, p, self.period)
+        parts = zip(self.begin[:-1], self.begin[1:], strict=True)
+        return np.concatenate([apply(sequence[i:j], p, self.period) for i, j in parts])
+
+    def tried(self, grid: Grid) -> Floats:
+        """Return the values at which a shape is tried first, looked for once."""
+        if grid not in self._tried:
+            self._tried[grid] = grid.values(self.u, self.y[self.used], self.period)
+        return self._tried[grid]
+
+    def lagged(self, signal: Floats, lag: int) -> Floats:
+        """Delay a signal by whole samples within each experiment."""
+        out = np.zeros_like(signal)
+        for i, j in zip(self.begin[:-1], self.begin[1:], strict=True):
+            out[i + lag : j] = signal[i : max(j - lag, i)]
+        return out
 
 
 def data_of(record: Record, rows: Mask) -> Data:

@@ -6,8 +6,9 @@ from itertools import product
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.linear.chain import Chain, Data
+from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.levenberg import Minimum, minimise
+from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.linear.starts import with_regressed_coefficients
 from sysid.diagnosis.structures.structure import Effort
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.linear.chain import Data
 from sysid.diagnosis.linear.kernels import simulate
+from sysid.diagnosis.linear.rows import Data
 
 # Time constants of the Laguerre functions, in samples.
 TIME_CONSTANTS = (1.5, 3.0, 6.0, 12.0, 25.0, 50.0)

@@ -3,9 +3,10 @@
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.linear.chain import DRIVING, Chain, Data, Run
+from sysid.diagnosis.linear.chain import DRIVING, Chain, Run
 from sysid.diagnosis.linear.kernels import is_stable, simulate
 from sysid.diagnosis.linear.levenberg import minimise
+from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.linear.sign_retrieval import retrieved_signs
 from sysid.diagnosis.structures.structure import WHITE
 

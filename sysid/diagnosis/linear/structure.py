@@ -10,17 +10,18 @@ from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.linear.cells import within_cells
-from sysid.diagnosis.linear.chain import MOST_DRIVES, Chain, Data, too_many_drives
+from sysid.diagnosis.linear.chain import MOST_DRIVES, Chain, too_many_drives
 from sysid.diagnosis.linear.directions import directions_of
 from sysid.diagnosis.linear.free_run import free_run
 from sysid.diagnosis.linear.levenberg import Minimum, minimise
 from sysid.diagnosis.linear.parameters import equation_text, named_parameters, standard_errors
 from sysid.diagnosis.linear.probes import probe_directions
 from sysid.diagnosis.linear.restarts import AGREEMENT, restarted
-from sysid.diagnosis.linear.rows import data_of, for_search, on_record
+from sysid.diagnosis.linear.rows import Data, data_of, for_search, on_record
 from sysid.diagnosis.linear.search import EffectSearch
 from sysid.diagnosis.linear.starts import further_starts
 from sysid.diagnosis.structures.memory import Memory, key_of
+from sysid.diagnosis.structures.sides import with_forms_of
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
 from sysid.errors import DataError, UsageError
 from sysid.linear.output_error import fit_output_error
@@ -172,6 +173,9 @@ class LinearStructure:
     def _fit(
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: Effort
     ) -> StructureFit:
+        if effort is Effort.REFIT:
+            places = self.chain(start.choices).places(self.data(start.rows))
+            start = with_forms_of(choices, start, places)
         kept = tuple(c for c in choices if c in start.choices)
         new = [c for c in choices if c not in start.choices]
         if too_many_drives(choices):

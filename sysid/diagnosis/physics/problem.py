@@ -177,11 +177,11 @@ class Problem:
         setting = self.setting
         plant = setting.plant
         u = setting.record.u[part]
-        effects = self._parameters(points)
         # What only the sensor sees leaves the plant's run as it is.
         which, own = self._distinct(points) if states is None else (None, points)
         lanes = own.shape[0]
-        inside = effects if which is None else self._parameters(own)
+        effects = self._effects(points)
+        inside = effects if which is None else self._effects(own)
         values = np.empty((lanes, setting.known.size))
         values[:] = setting.known
         values[:, setting.places] = setting.to_values(own[:, : self.n_model])
@@ -192,15 +192,8 @@ class Problem:
         y = plant.run(values, laws, driven, starts, steps, states, self.exact)
         return self._outputs(y if which is None else y[which], u[:, 0], effects, rounded)
 
-    def _parameters(self, points: Floats) -> list[list[Floats]]:
-        """Return the parameters of each effect in each point."""
-        return [[point[place] for place in self.effect_places] for point in points]
-
     def _distinct(self, points: Floats) -> tuple[list[int] | None, Floats]:
-        """Return points whose plants run differently, and which of them each point runs as.
-
-        None where all of them do.
-        """
+        """Return which run is each point's, None where all differ, and the points that run differently."""
         if self._inner.all():
             return None, points
         found: dict[bytes, int] = {}
@@ -209,6 +202,10 @@ class Problem:
             return None, points
         first = dict(zip(reversed(which), reversed(range(len(which))), strict=True))
         return which, points[[first[number] for number in range(len(found))]]
+
+    def _effects(self, points: Floats) -> list[list[Floats]]:
+        """Return the parameters of each effect in each point."""
+        return [[point[place] for place in self.effect_places] for point in points]
 
     @cached_property
     def _inner(self) -> NDArray[np.bool_]:
@@ -351,7 +348,7 @@ class Problem:
         return self._quotients(self.errors(points, rounded=False), moved)
 
     def _quotients(self, errors: Floats, moved: Floats) -> Floats:
-        slopes = errors[1:] - errors[0]
+        slopes: Floats = errors[1:] - errors[0]
         slopes /= moved[:, np.newaxis]
         if not self.held.any():
             return np.asarray(slopes.T)

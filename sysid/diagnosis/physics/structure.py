@@ -32,7 +32,9 @@ from sysid.diagnosis.physics.scatter import is_rugged, scattered
 from sysid.diagnosis.physics.search import Tangent, problem_point, refined
 from sysid.diagnosis.physics.setting import Plant, setting_of
 from sysid.diagnosis.physics.starts import wide_starts
+from sysid.diagnosis.physics.steps import enough_steps
 from sysid.diagnosis.structures.memory import Memory, key_of
+from sysid.diagnosis.structures.sides import with_forms_of
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
 from sysid.errors import IdentifiabilityError, ModelError
 from sysid.physics.forced import ForcedPlant
@@ -241,6 +243,9 @@ class PhysicsStructure:
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: Effort
     ) -> StructureFit:
         largest = FINE_STEP if effort is Effort.FINE else COARSE_STEP
+        if effort is Effort.REFIT:
+            places = self._problem(start.choices, start.rows, WHITE, COARSE_STEP).effect_places
+            start = with_forms_of(choices, start, places)
         kept = [choice for choice in choices if choice in start.choices]
         new = [i for i, choice in enumerate(choices) if choice not in start.choices]
         budget = Budget(BUDGETS[effort] * max(float(rows.sum()) / BUDGET_ROWS, 1.0))
@@ -315,6 +320,19 @@ class PhysicsStructure:
             restarts_agree=agree,
             status=SPENT if problem.budget.spent else minimum.status.value,
         )
+
+    def with_fine_steps(self, fit: StructureFit, noise: Floats) -> StructureFit:
+        """Return a fit moved to where it is best with steps as fine as the noise asks.
+
+        A search can do with coarser ones, but what they do wrong ends in the parameters: of many rows with
+        little noise these are known better than one row is.
+        """
+        largest = enough_steps(self._problem(fit.choices, fit.rows, noise, COARSE_STEP), fit.point)
+        if largest == COARSE_STEP:
+            return fit
+        problem = self._problem(fit.choices, fit.rows, noise, largest)
+        end = problem.descend(fit.point, EVALUATIONS[Effort.REFIT], TOLERANCES[Effort.REFIT])
+        return self._result(problem, within_cells(problem, end), fit.restarts_agree)
 
     def tangent(self, fit: StructureFit) -> Floats:
         """Return the derivative of the free run by all parameters, shape (n_samples, n_parameters)."""

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -218,3 +218,18 @@ def filtered(columns: Floats, rows: Mask, noise: Floats) -> Floats:
         W = first[:rows_without_past, :rows_without_past]
         out[start : start + rows_without_past] = W @ chosen[start : start + rows_without_past]
     return out
+
+
+@runtime_checkable
+class Stepped(Protocol):
+    """A structure whose simulation goes in steps, coarser ones while it searches."""
+
+    def with_fine_steps(self, fit: StructureFit, noise: Floats) -> StructureFit:
+        """Return a fit moved to where it is best with steps as fine as the noise asks."""
+        ...
+
+
+def with_fine_steps(structure: Structure, fit: StructureFit, noise: Floats) -> StructureFit:
+    """Return a fit moved to where it is best once its simulation is as good as exact."""
+    moved = structure.with_fine_steps(fit, noise) if isinstance(structure, Stepped) else fit
+    return moved if moved.usable else fit

@@ -1,0 +1,65 @@
+"""An effect in a form with more freedom, its values those of the form that was fitted before."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.diagnosis.effects.base import Floats, Form
+from sysid.diagnosis.structures.structure import Choice, StructureFit
+
+
+def freer_forms(choice: Choice) -> tuple[Form, ...]:
+    """Return the other forms of an effect, looked for like this one, in which it can be just the same.
+
+    Examples
+    --------
+    >>> from sysid.diagnosis.effects.catalogue import find_effects
+    >>> (effect,) = find_effects(["in_saturation"])
+    >>> [form.name for form in freer_forms(Choice(effect, effect.form("symmetric")))]
+    ['two-sided']
+    >>> freer_forms(Choice(effect, effect.form("two-sided")))
+    ()
+    """
+    return tuple(form for form in choice.effect.found_by if _sources(choice.form, form) is not None)
+
+
+def with_forms_of(choices: Sequence[Choice], start: StructureFit, places: Sequence[slice]) -> StructureFit:
+    """Return a fit whose effects are in the wanted forms where these can be just the same.
+
+    Parameters
+    ----------
+    choices : sequence of Choice
+        Wanted; others than the fit's effects say nothing.
+    start : StructureFit
+    places : sequence of slice
+        Of each effect's parameters in the point of the fit.
+    """
+    wanted = {choice.name: choice for choice in choices}
+    found: list[Choice] = []
+    point: Floats = start.point
+    for choice, place in zip(reversed(start.choices), reversed(places), strict=True):
+        other = wanted.get(choice.name, choice)
+        sources = _sources(choice.form, other.form)
+        if sources is not None:
+            point = np.concatenate([point[: place.start], point[place][sources], point[place.stop :]])
+        found.insert(0, choice if sources is None else other)
+    return start if tuple(found) == start.choices else replace(start, choices=tuple(found), point=point)
+
+
+def _sources(form: Form, other: Form) -> list[int] | None:
+    """Return which parameter of a form gives the value of each of another, None where they are not alike.
+
+    A parameter with two sides is named after the one with the same value on both: ``width_positive``.
+    """
+    if len(other.parameters) <= len(form.parameters):
+        return None
+    places = []
+    for p in other.parameters:
+        same = [
+            i for i, q in enumerate(form.parameters) if p.name.startswith(f"{q.name}_") or p.name == q.name
+        ]
+        if len(same) != 1:
+            return None
+        places += same
+    return places if set(places) == set(range(len(form.parameters))) else None
