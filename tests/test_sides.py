@@ -34,7 +34,7 @@ def test_sides_that_a_coarse_quantiser_hides_are_no_third_effect() -> None:
 
 def test_a_form_with_two_sides_starts_as_the_one_with_one() -> None:
     u, y = _preloaded(step=0.0, noise=0.05)
-    structure = LinearStructure(make_record(u, y, period=1.0), 1, initial_state="estimate")
+    structure = LinearStructure(make_record(u, y, period=1.0), 1, initial_state="rest")
     rows = structure.record.learning
     (effect,) = find_effects(["in_preload"])
     one = Choice(effect, effect.form("symmetric"))
