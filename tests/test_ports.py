@@ -2,10 +2,12 @@
 
 import json
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from ports_cases import A1, A2, B1, B2, MAPS, PERIOD, deviation, simulate
+from scipy.signal import cont2discrete, dlsim
 
 from sysid.data import make_record
 from sysid.diagnosis.ports import explore_ports
@@ -436,3 +438,21 @@ def test_known_failures_of_real_records_show_at_their_ports():
     assert first.explains_at_most > 0.9
     slow = (np.abs(first.value) < 0.06) & (np.abs(first.value) > 0.02)
     assert (first.centre[slow] * first.value[slow] > 0.0).mean() > 0.8  # against the motion, on both sides
+
+
+def test_curves_are_found_where_the_model_alone_follows_best_with_a_parameter_that_ran_off():
+    """Two tanks behind a bent sensor: alone the fit does without the first tank, and no slope leads back."""
+    rng = np.random.default_rng(4)
+    model = load_model("two-tanks").with_parameters(start={"a1": 0.07, "a2": 0.05, "b": 0.05})
+    u = np.repeat(rng.uniform(0.0, 3.0, 60), 15)
+    A, B = np.array([[-0.08, 0.0], [0.08, -0.04]]), np.array([[0.05], [0.0]])
+    (level,) = dlsim((*cont2discrete((A, B, np.array([[0.0, 1.0]]), 0.0), 5.0)[:4], 5.0), u)[1].T
+    record = make_record(u, level - 0.2 * level**2 + 0.005 * rng.standard_normal(u.size), 5.0)
+    fit = fit_physics(record, model, initial_state="rest")
+    lost = replace(fit, values={"a1": 1e8, "a2": 0.0135, "b": 0.0089})
+    found = {
+        begun: explore_ports(record, replace(lost, nominal=nominal), ports=("output",))[0].explains_at_most
+        for begun, nominal in (("lost", {}), ("nominal", fit.nominal))
+    }
+    assert found["lost"] < 0.5
+    assert found["nominal"] > 0.95

@@ -34,6 +34,7 @@ def test_sides_that_a_coarse_quantiser_hides_are_no_third_effect() -> None:
 
 def test_a_form_with_two_sides_starts_as_the_one_with_one() -> None:
     u, y = _preloaded(step=0.0, noise=0.05)
+    # At rest: beside a free constant the two sides would be told by nothing.
     structure = LinearStructure(make_record(u, y, period=1.0), 1, initial_state="rest")
     rows = structure.record.learning
     (effect,) = find_effects(["in_preload"])
@@ -48,4 +49,4 @@ def test_a_form_with_two_sides_starts_as_the_one_with_one() -> None:
     assert np.array_equal(moved.point[places[0].start : places[0].start + 2], np.repeat(own, 2))
     assert moved.point.size == fit.point.size + 1
     again = structure.fit([two], rows, WHITE, fit, effort=Effort.REFIT)
-    assert again.cost < fit.cost
+    assert again.cost < 0.99 * fit.cost

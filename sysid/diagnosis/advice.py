@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE
-from sysid.diagnosis.decide.verdict import LEFT_SHARE
+from sysid.diagnosis.decide.verdict import TRACE_SHARE
 from sysid.diagnosis.experiment import Responding, separating_experiment
 from sysid.diagnosis.structures.structure import Structure
 from sysid.diagnosis.wording import percent
@@ -42,10 +42,10 @@ def advise(structure: Structure, decision: Decision, accepted: Sequence[str]) ->
         )
     physical = [name for name in accepted if name != NOISE_EFFECT]
     sentence = f"Add {' and '.join(physical)}." if physical else "The effect that was found was not added."
-    if physical and decision.left_p_value < LEFT_P_VALUE and decision.left_share > LEFT_SHARE:
+    if physical and decision.left_p_value < LEFT_P_VALUE and decision.left_share > TRACE_SHARE:
         sentence += (
-            f" {percent(decision.left_share)} of the explainable error is left, which no candidate explains "
-            "well enough to be named."
+            f" {percent(decision.left_share)} of the explainable error is left, which nothing in the list "
+            "explains: a detail of the plant beside them, or their laws are not quite these."
         )
     if len(decision.tie) > 1:
         sentence += f" {_tie(decision.tie)}{_experiment(structure, decision)}"

@@ -15,6 +15,7 @@ from sysid.diagnosis.comparison.scores import finite
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
 from sysid.diagnosis.decide.procedure import Search
 from sysid.diagnosis.decide.rungs import rungs_of
+from sysid.diagnosis.decide.verdict import with_a_detail_left
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
 from sysid.diagnosis.ladder import DiagnosedModel, Rung, climb, parameters_json
@@ -300,14 +301,20 @@ def diagnose(
 def _against_curves(
     structure: Structure, decision: Decision
 ) -> "tuple[Decision, tuple[PortCurve, ...] | None]":
-    """Return a decision without the names beside something unexplained that one free-form curve outdoes."""
+    """Weigh the names beside something unexplained against one free-form curve at a time.
+
+    If a curve outdoes them they only resemble what is missing, and are left out; otherwise what they leave
+    may be a detail.
+    """
     if decision.verdict != "unexplained" or len(decision.fits) == len(decision.given):
         return decision, None
-    from sysid.diagnosis.shortfall import curves_at_ports, outdone
+    from sysid.diagnosis.shortfall import curves_at_ports, each_counts, outdone
 
     curves = curves_at_ports(structure)
     if not outdone(structure.record, decision, curves):
-        return decision, curves
+        if curves and each_counts(structure.record, decision):
+            decision = with_a_detail_left(decision)
+        return decision, curves if decision.verdict == "unexplained" else None
     kept = len(decision.given)
     return replace(decision, fits=decision.fits[:kept], accepted=decision.given), curves
 

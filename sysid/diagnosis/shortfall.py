@@ -47,12 +47,26 @@ def outdone(record: "Record", decision: Decision, curves: "Sequence[PortCurve]")
     curves : sequence of PortCurve
         Of the model without effects.
     """
-    rows, y = record.validation, record.y[:, 0]
-    before, after = (
-        float(np.sum((y - fit.output)[rows] ** 2)) for fit in (decision.baseline, decision.final)
-    )
+    before, *_, after = _held_out_errors(record, decision)
     best = max((curve.explains_at_most for curve in curves), default=0.0)
     return bool(before > 0.0 and best > 1.0 - after / before)
+
+
+def each_counts(record: "Record", decision: Decision) -> bool:
+    """Tell whether each effect in its turn takes more off the held-out error than what is left unexplained.
+
+    One that does less is no finding beside it: it may as well be part of what follows the unexplained.
+    """
+    errors = _held_out_errors(record, decision)
+    gains = -np.diff(errors)[len(decision.given) :]
+    return bool((gains > decision.left_share * errors[0]).all())
+
+
+def _held_out_errors(record: "Record", decision: Decision) -> Floats:
+    """Return the sum of squared errors on validation rows: without effects, with one, two, ..."""
+    rows, y = record.validation, record.y[:, 0]
+    fits = (decision.baseline, *(decision.fits or (decision.baseline,)))
+    return np.array([np.sum((y - fit.output)[rows] ** 2) for fit in fits])
 
 
 def curves_at_ports(structure: Structure) -> "tuple[PortCurve, ...]":

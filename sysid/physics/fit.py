@@ -1,7 +1,7 @@
 """Fit the parameters of a physical model by its free-run error."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -78,6 +78,8 @@ class PhysicsFit:
         One sentence: how the search ended.
     hold : {"zero", "smooth"}
         What the input does between samples.
+    nominal : mapping of str to float
+        Value of every parameter at which the search began.
     """
 
     model: Model
@@ -98,6 +100,7 @@ class PhysicsFit:
     restarts_agree: bool
     status: str
     hold: str = "zero"
+    nominal: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def order(self) -> int:
@@ -311,6 +314,7 @@ def _result(
         restarts_agree=agree,
         status="; ".join(sentences),
         hold=problem.hold,
+        nominal={parameter.name: parameter.start for parameter in problem.model.parameters},
     )
 
 

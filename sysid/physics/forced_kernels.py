@@ -173,6 +173,13 @@ def called_step(w: Floats, n: int, same: bool, z: State, mode: int, step: float)
     return after
 
 
+@inlined
+def breaking_force(w: Floats, side: int) -> float:
+    """Return the dry friction that has to be overcome at rest."""
+    force: float = (w[FRICTION_FORWARD] if side > 0 else w[FRICTION_BACK]) + w[BREAKAWAY]
+    return force
+
+
 @compiled
 def holding_force(w: Floats, n: int, same: bool, z: State) -> float:
     """Return the force that keeps a body at zero velocity."""
@@ -186,16 +193,16 @@ def margin(w: Floats, n: int, same: bool, z: State, mode: int) -> float:
     if mode != STUCK:
         return mode * z[0]
     holding = holding_force(w, n, same, z)
-    return min(holding - sliding_friction(w, 0.0, 1), sliding_friction(w, 0.0, -1) - holding)
+    return min(holding + breaking_force(w, 1), breaking_force(w, -1) - holding)
 
 
 @compiled
 def mode_at_zero(w: Floats, n: int, same: bool, z: State) -> int:
     """Return how a body at zero velocity goes on: stuck, or sliding to one side."""
     holding = holding_force(w, n, same, z)
-    if holding < sliding_friction(w, 0.0, 1):
+    if holding < -breaking_force(w, 1):
         return 1
-    if holding > sliding_friction(w, 0.0, -1):
+    if holding > breaking_force(w, -1):
         return -1
     return STUCK
 

@@ -20,8 +20,8 @@ from sysid.physics.forced_kernels import (
     MOST_STATES,
     SMOOTH,
     STUCK,
+    breaking_force,
     cut_step,
-    margin,
     mode_at_zero,
     moved,
     spilled,
@@ -37,6 +37,7 @@ BLOCKS = MOVING + 1
 # What takes a costly function, by bits: exp of the speed, sine of the position, tanh of the output, root
 # and rim of a level.
 PLAIN, BREAKS_AWAY, SWINGS, GAINS, LEVELS, ALL = 0, 1, 2, 4, 8, 15
+DRIFTS = ALL - BREAKS_AWAY
 # exp(-FARTHEST) is nothing beside 1.
 FARTHEST = 40.0
 # pi in two parts, of which the first has so few digits that small multiples of it are exact.
@@ -218,6 +219,26 @@ def step_of_all(w: Floats, n: int, same: bool, curve: int, step: float, after: F
 
 
 @compiled
+def drift_of_all(w: Floats, n: int, same: bool, after: Floats, drift: Floats, width: int) -> None:
+    """Fill in how fast the velocity of each lane would change at the end of a step, were it not held."""
+    if n > 2:
+        for i in range(width):
+            drift[i] = free_drift(w, i, 4, same, after)
+    else:
+        for i in range(width):
+            drift[i] = free_drift(w, i, 2, same, after)
+
+
+@branchless
+def free_drift(w: Floats, i: int, n: int, same: bool, after: Floats) -> float:
+    """Return the rate of the velocity of one lane without dry friction."""
+    x0, x1, x2 = after[i], after[WIDTH + i], after[2 * WIDTH + i]
+    x = (x0, x1, x2, after[3 * WIDTH + i], after[4 * WIDTH + i])
+    rate: float = lane_rates(w, i, n, same, DRIFTS, x, 0.0, 1.0)[0]
+    return rate
+
+
+@compiled
 def has_levels(w: Floats) -> bool:
     """Tell whether a law takes roots of levels or cuts them off."""
     powers = w[fk.FIRST_POWER] != 1.0 or w[fk.SECOND_POWER] != 1.0
@@ -273,6 +294,7 @@ def group_runs(
     width = lanes if lanes <= FEW else (8 if lanes <= 8 else WIDTH)
     w, after = np.zeros(BLOCKS * WIDTH), np.zeros((MOST_STATES + 1) * WIDTH)
     rows = plants.copy()
+    drift = np.zeros(WIDTH)
     mode, chatter = np.full(WIDTH, SMOOTH), np.zeros(WIDTH, dtype=np.int64)
     dry, alive = np.zeros(WIDTH, dtype=np.bool_), np.zeros(WIDTH, dtype=np.bool_)
     curve = PLAIN
@@ -325,17 +347,23 @@ def group_runs(
         if not running:
             break
         for _ in range(substeps):
+            sticks = False
             for i in range(width):
                 if dry[i]:
+                    sticks = sticks or mode[i] == STUCK
                     w[SIDE * WIDTH + i] = float(mode[i])
                     w[MOVING * WIDTH + i] = 0.0 if mode[i] == STUCK else 1.0
             step_of_all(w, n, same, curve, step, after, width)
+            if sticks:
+                drift_of_all(w, n, same, after, drift, width)
             for i in range(width):
                 if dry[i]:
                     trial = state_of(after, i)
                     lasts = mode[i] * trial[0] >= 0.0
                     if mode[i] == STUCK:
-                        lasts = not margin(rows[i], n, same, trial, STUCK) < 0.0
+                        holding = -drift[i] / w[_push * WIDTH + i]
+                        forwards = holding < -breaking_force(rows[i], 1)
+                        lasts = not (forwards or holding > breaking_force(rows[i], -1))
                     if not lasts:
                         z = state_of(w, Z * WIDTH + i)
                         end, mode[i], changes = cut_step(rows[i], n, same, z, mode[i], step)

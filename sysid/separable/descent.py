@@ -26,6 +26,7 @@ class Status(enum.Enum):
     NEGLIGIBLE = "converged: a full step would lower the cost by a negligible amount"
     GLOBAL = "global minimum over the bounds: every cell was examined"
     GRID = "best of all starting points on the grid; a finer grid may find a lower minimum"
+    MET = "stopped: it has come to where another search has been, and no lower"
     MAX_EVALUATIONS = (
         "stopped at the limit of evaluations before convergence: raise max_evaluations or start nearer"
     )
@@ -154,6 +155,7 @@ def descend(
     negligible: float = 0.0,
     zero: float = 0.0,
     max_evaluations: int = 200,
+    met: Callable[[AnyPoint], bool] | None = None,
 ) -> Minimum[AnyPoint]:
     r"""Minimise a sum of squares by damped Gauss-Newton steps.
 
@@ -179,6 +181,8 @@ def descend(
         Cost, and decrease of the cost, that count as zero.
     max_evaluations : int
         Limit of evaluations.
+    met : callable, optional
+        Tells of a point whether another search has been there, so that this one need not go on.
 
     Returns
     -------
@@ -237,6 +241,9 @@ def descend(
             growth = 2.0
             if small_step or flat:
                 status = Status.STEP if small_step else Status.COST
+                break
+            if met is not None and met(point):
+                status = Status.MET
                 break
             jac, r = _compressed(point)
         else:

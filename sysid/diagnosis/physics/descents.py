@@ -6,7 +6,7 @@ import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics.points import with_states
-from sysid.diagnosis.physics.problem import Problem
+from sysid.diagnosis.physics.problem import Met, Problem
 from sysid.diagnosis.physics.scatter import within_limits
 from sysid.diagnosis.physics.search import grid_starts, problem_point, refined
 from sysid.diagnosis.structures.structure import Effort
@@ -37,18 +37,26 @@ def descents(problem: Problem, starts: Sequence[Floats]) -> list[Minimum[Residua
 
 
 def ends_beside(
-    problem: Problem, before: Problem, known: Floats, new: Sequence[int], effort: Effort
+    problem: Problem,
+    before: Problem,
+    known: Floats,
+    new: Sequence[int],
+    effort: Effort,
+    found: Sequence[Minimum[Residual]] = (),
 ) -> list[Minimum[Residual]]:
-    """Search from the best points of the grid, around the fit so far and around the nominal values."""
-    tried = _tried_beside(problem, before, known, new, effort)
+    """Search from the best points of the grid, around the fit so far and around the nominal values.
+
+    Points of the grid that a coarser search has started from are left to it where it ``found`` an end.
+    """
+    first = DESCENTS[Effort.COARSE] if found else 0
+    tried = [*found, *_tried_beside(problem, before, known, new, effort, first, found)]
     if not tried:
         tried = [problem.descend(problem_point(problem, before, known), 2, TOLERANCES[effort])]
-    ends = [
-        end
-        if end.status.converged
-        else problem.descend(end.x, EVALUATIONS[effort] - TRIED, TOLERANCES[effort])
-        for end in different(sorted(tried, key=cost_of))[: DESCENTS[effort]]
-    ]
+    ends: list[Minimum[Residual]] = []
+    for end in different(sorted(tried, key=cost_of))[: DESCENTS[effort]]:
+        if not end.status.converged:
+            end = problem.descend(end.x, EVALUATIONS[effort] - TRIED, TOLERANCES[effort], _been_at(ends))
+        ends.append(end)
     ends.sort(key=cost_of)
     # For a ranking the shapes of earlier effects stay where they are on the whole.
     scanned = None if effort is Effort.FINE else new
@@ -69,15 +77,30 @@ def ends_without_colour(
 
 
 def _tried_beside(
-    problem: Problem, before: Problem, known: Floats, new: Sequence[int], effort: Effort
+    problem: Problem,
+    before: Problem,
+    known: Floats,
+    new: Sequence[int],
+    effort: Effort,
+    first: int = 0,
+    found: Sequence[Minimum[Residual]] = (),
 ) -> list[Minimum[Residual]]:
-    """Return where short searches from the best points of the grid have come to."""
-    found: list[Floats] = []
+    """Return where short searches from the best points of the grid have come to, each its own way."""
+    points: list[Floats] = []
     for centre in _centres(problem, before, known):
-        starts = grid_starts(problem, before, centre, new)[: DESCENTS[effort]]
-        found += [within_limits(problem, point) for _, point in starts]
-    runs = [problem.descend_if_finite(x, TRIED, TOLERANCES[effort]) for x in found]
-    return [end for end in runs if end is not None]
+        starts = grid_starts(problem, before, centre, new)[first : DESCENTS[effort]]
+        points += [within_limits(problem, point) for _, point in starts]
+    ends = list(found)
+    for x in points:
+        end = problem.descend_if_finite(x, TRIED, TOLERANCES[effort], _been_at(ends))
+        ends += [] if end is None else [end]
+    return ends[len(found) :]
+
+
+def _been_at(ends: Sequence[Minimum[Residual]]) -> Met:
+    """Return what tells whether a search has come to the end of another one, and no lower."""
+    ends = list(ends)
+    return lambda point: any(end.cost <= point.cost and _same(end, point) for end in ends)
 
 
 def _centres(problem: Problem, before: Problem, known: Floats) -> list[Floats]:
@@ -116,11 +139,13 @@ def different(ends: Sequence[Minimum[Residual]]) -> list[Minimum[Residual]]:
 
 def _same(
     best: Minimum[Residual],
-    end: Minimum[Residual],
+    end: Minimum[Residual] | Residual,
     cost: float = AGREEMENT,
     output: float = OUTPUT_AGREEMENT,
 ) -> bool:
     """Tell whether two searches ended at the same error with the same output."""
-    apart = float(np.linalg.norm(end.point.residual - best.point.residual))
     error = np.sqrt(best.cost)
-    return bool(np.sqrt(end.cost) <= error * (1.0 + cost) and apart <= output * error)
+    if not np.sqrt(end.cost) <= error * (1.0 + cost):
+        return False
+    point = end if isinstance(end, Residual) else end.point
+    return bool(np.linalg.norm(point.residual - best.point.residual) <= output * error)

@@ -1,6 +1,6 @@
 """The least-squares problem of a physical model with effects: free-run error over all unknowns."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -19,6 +19,7 @@ from sysid.errors import UsageError
 from sysid.physics.model import Parameter
 from sysid.separable.descent import Minimum, Residual, descend
 
+Met = Callable[[Residual], bool]
 # Fastest rate times the Runge-Kutta step: the run's relative error is about its fourth power / 120.
 COARSE_STEP, FINE_STEP = 0.35, 0.2
 # A value known within some 20 % stays within a factor of exp(3) = 20, whatever the effects do to it.
@@ -377,16 +378,21 @@ class Problem:
         return float((1 + self.size) * rows * substeps)
 
     def descend_if_finite(
-        self, point: Floats, evaluations: int, tolerance: float
+        self, point: Floats, evaluations: int, tolerance: float, met: Met | None = None
     ) -> Minimum[Residual] | None:
         """Search on from a point; None if the model diverges there."""
         try:
-            return self.descend(point, evaluations, tolerance)
+            return self.descend(point, evaluations, tolerance, met)
         except UsageError:
             return None
 
-    def descend(self, point: Floats, evaluations: int, tolerance: float) -> Minimum[Residual]:
-        """Search on by Levenberg and Marquardt's method until the cost falls by a negligible share."""
+    def descend(
+        self, point: Floats, evaluations: int, tolerance: float, met: Met | None = None
+    ) -> Minimum[Residual]:
+        """Search on by Levenberg and Marquardt's method until the cost falls by a negligible share.
+
+        ``met`` as for `sysid.separable.descent.descend`.
+        """
         lower, upper = self.bounds
         with np.errstate(all="ignore"):
             return descend(
@@ -395,6 +401,7 @@ class Problem:
                 bounds=(lower, upper),
                 negligible=tolerance,
                 max_evaluations=self.budget.evaluations(evaluations, self.steps_of_an_evaluation),
+                met=met,
             )
 
 

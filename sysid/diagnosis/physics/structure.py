@@ -263,8 +263,16 @@ class PhysicsStructure:
         if small.sum() < rows.sum():
             search = self._problem(choices, small, noise, largest, budget)
             plain = self._problem(kept, small, noise, largest, budget)
-        ends = ends_beside(search, plain, self._carried(plain, start), new, effort)
-        if noise.size > 1:
+        found: list[Minimum[Residual]] = []
+        if effort is Effort.FINE:
+            # A finer search goes on from the coarse one, and starts where that one has not.
+            coarse = self.fit(choices, rows, noise, start, effort=Effort.COARSE)
+            on = search.descend_if_finite(
+                moved(problem, search, coarse.point), EVALUATIONS[effort], TOLERANCES[effort]
+            )
+            found += [] if on is None else [on]
+        ends = ends_beside(search, plain, self._carried(plain, start), new, effort, found)
+        if noise.size > 1 and not found:
             # The colour of what is missing can hide an effect from the grid: search without it, too.
             white = self._problem(choices, search.rows, WHITE, largest, budget)
             bare = self._problem(kept, search.rows, WHITE, largest, budget)

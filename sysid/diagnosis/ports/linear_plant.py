@@ -39,6 +39,7 @@ class LinearPlant:
             static = float(np.sum(fit.a))
             weights[-1] = weights[-1] / static if abs(static) > INTEGRATOR else 0.0
         self.start = np.concatenate([sections, weights])
+        self.origins: tuple[Floats, ...] = (self.start,)
 
     def ports(self, record: Record, kinds: Sequence[str]) -> tuple[Port, ...]:
         """Return one port for each input, one behind, and two forces."""

@@ -143,6 +143,14 @@ class Loop:
         )  # fmt: skip
         return J
 
+    def runs(self, point: Floats) -> bool:
+        """Tell whether neither the run nor its slopes diverge from a point, nor the squares of these."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            if not np.isfinite(self.residual(point)).all():
+                return False
+            J = self.jacobian(point)
+            return bool(np.isfinite(np.einsum("ij,ij->j", J, J)).all())
+
     def residual(self, point: Floats) -> Floats:
         """Return the free-run error on the fitted rows, and what the prior adds."""
         with np.errstate(all="ignore"):
@@ -186,9 +194,7 @@ class Loop:
         damping would hold back just the combinations that matter: orthogonal ones are searched, and
         one without any effect, as that of a constant with the state of an integrator, is left out.
         """
-        with np.errstate(over="ignore", invalid="ignore"):
-            finite = np.isfinite(self.residual(start)).all() and np.isfinite(self.jacobian(start)).all()
-        if not finite:
+        if not self.runs(start):
             return None
         shape = self._orthogonal_combinations(start) if self.plant.black_box else np.eye(start.size)
         minimum = descend(
@@ -200,9 +206,7 @@ class Loop:
             max_evaluations=evaluations,
         )
         end = start + shape @ minimum.x
-        with np.errstate(over="ignore", invalid="ignore"):
-            followed = np.isfinite(self.jacobian(end)).all()
-        return replace(minimum, x=end) if followed else None
+        return replace(minimum, x=end) if self.runs(end) else None
 
     def with_best_starts(self, point: Floats) -> Floats:
         """Return the point with the initial states that fit best while the plant stands alone."""

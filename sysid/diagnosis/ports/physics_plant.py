@@ -1,6 +1,6 @@
 """A physical model as the plant around a port."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +16,9 @@ from sysid.physics.hold import PIECES, in_columns, over_pieces
 from sysid.physics.linear_form import Discrete, discretise, linear_form
 from sysid.physics.model import Model, Variable
 from sysid.physics.simulation import Simulator
+
+# A positive parameter ran off where the logarithm of how often its start value fits in it is beyond this.
+RAN_OFF = 3.0
 
 
 class PhysicsPlant:
@@ -48,8 +51,16 @@ class PhysicsPlant:
         self.simulator = Simulator(model, fit.period, searched=self.names)
         self.smooth = fit.hold == "smooth"
         self.positive = np.array([model.parameter(name).positive for name in self.names], dtype=bool)
-        plain = np.array([fit.values[name] for name in self.names])
-        self.start = np.where(self.positive, np.log(np.where(self.positive, plain, 1.0)), plain)
+        self.start = self._parameters(fit.values)
+        # Without its map a model may fit best with a parameter that ran off, where no slope leads back.
+        nominal = self._parameters({**fit.values, **fit.nominal})
+        away = np.abs(self.start - nominal)[self.positive].max(initial=0.0)
+        self.origins: tuple[Floats, ...] = (self.start, nominal) if away > RAN_OFF else (self.start,)
+
+    def _parameters(self, values: Mapping[str, float]) -> Floats:
+        """Return what is searched: the logarithms of positive parameters, and the others."""
+        plain = np.array([values[name] for name in self.names])
+        return np.where(self.positive, np.log(np.where(self.positive, plain, 1.0)), plain)
 
     def values(self, parameters: Floats) -> dict[str, float]:
         """Return every parameter of the model."""

@@ -71,7 +71,8 @@ class Plant(Protocol):
     """What the fit of a port needs of a model.
 
     ``black_box`` says that the parameters have no meaning of their own: a straight line at a port is
-    the plant's in any case, and the search may go along any combinations of them.
+    the plant's in any case, and the search may go along any combinations of them.  ``origins`` are the
+    parameters from which a search may begin, ``start`` the first of them.
     """
 
     black_box: bool
@@ -79,6 +80,7 @@ class Plant(Protocol):
     lag: int
     free_start: bool
     start: Floats
+    origins: tuple[Floats, ...]
     period: float
 
     def ports(self, record: Record, kinds: Sequence[str]) -> tuple[Port, ...]:

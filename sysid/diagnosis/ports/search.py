@@ -89,10 +89,11 @@ def fit_port(port: Port, baseline: tuple[Loop, Floats]) -> list[PortFit]:
         The one to be shown first, then the other ones; empty if the map's input does not vary or
         the run diverges from every start.
     """
-    feeds = _feeds(port, baseline)
-    if any(np.ptp(_on_fitted_rows(baseline[0], feed)) == 0.0 for feed in feeds):
-        return []
-    leaders = _coarse(port, baseline, feeds)[:LEADING]
+    leaders: list[PortFit] = []
+    for other in _origins(baseline):
+        ends = _coarse(port, other)
+        if ends and (not leaders or _error(ends[0]) < _error(leaders[0])):
+            leaders, baseline = ends[:LEADING], other
     leaders = [_refined(fit, baseline, INTERVALS[0]) or fit for fit in leaders]
     found = list(leaders)
     many = baseline[0].map_inputs(baseline[1]).size > MANY_ROWS
@@ -104,21 +105,35 @@ def fit_port(port: Port, baseline: tuple[Loop, Floats]) -> list[PortFit]:
             break
         found += finer
         better = min(map(_information, finer)) < min(map(_information, leaders))
-        leaders = [min(finer, key=lambda fit: fit.loop.error(fit.point))]
+        leaders = [min(finer, key=_error)]
         if not better:
             break
     if not leaders:
         return []
-    shown = min(leaders, key=lambda fit: fit.loop.error(fit.point))
+    shown = min(leaders, key=_error)
     return [shown, *(fit for fit in found if fit is not shown)]
 
 
-def _coarse(port: Port, baseline: tuple[Loop, Floats], feeds: list[tuple[Floats, ...]]) -> list[PortFit]:
+def _origins(baseline: tuple[Loop, Floats]) -> list[tuple[Loop, Floats]]:
+    """Return the plant alone, fitted, and as it is at other parameters from which a search may begin."""
+    loop, point = baseline
+    others = [np.concatenate([origin, point[loop.n_plant :]]) for origin in loop.plant.origins[1:]]
+    return [baseline, *((loop, loop.with_best_starts(other)) for other in others if loop.runs(other))]
+
+
+def _error(fit: PortFit) -> float:
+    return fit.loop.error(fit.point)
+
+
+def _coarse(port: Port, baseline: tuple[Loop, Floats]) -> list[PortFit]:
     """Return the ends of the searches from all starts, on the coarsest knots, the best first.
 
     A feedback loop is first opened: the map is fed with what was measured, or with the free run of
     the plant alone, so that nothing can diverge; then it is closed.  It is also searched closed at once.
     """
+    feeds = _feeds(port, baseline)
+    if any(np.ptp(_on_fitted_rows(baseline[0], feed)) == 0.0 for feed in feeds):
+        return []
     feedback = port.mode in (OUTPUT, STATE, RATE)
     starts = [(port.known() if feedback else port, feed) for feed in feeds]
     if feedback:
@@ -135,7 +150,7 @@ def _coarse(port: Port, baseline: tuple[Loop, Floats], feeds: list[tuple[Floats,
             end = loop.descend(end.x, FIRST_EVALUATIONS)
         if end is not None:
             ends.append(_as_fit(loop, end, lines))
-    return sorted(ends, key=lambda fit: fit.loop.error(fit.point))
+    return sorted(ends, key=_error)
 
 
 def _refined(fit: PortFit, baseline: tuple[Loop, Floats], n_intervals: int) -> PortFit | None:
