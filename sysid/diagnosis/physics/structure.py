@@ -50,6 +50,9 @@ RESTARTS, MORE_RESTARTS, SPREAD, SEED = 4, 16, 0.25, 7
 GAIN_ROWS, SAME_DIRECTION = 1_000, 1e-4
 # Most steps that the simulations of a fit of each effort may take, for so many rows; more for more rows.
 BUDGETS, BUDGET_ROWS = (60e6, 25e6, 80e6), 1_200
+# The same in evaluations at the fit that is started from: a search that takes several times as many as any
+# that ends well follows a plant that gets faster and faster.
+SEARCHED = (np.inf, 600.0, 2000.0)
 DIVERGES = "it diverges"
 SPENT = "stopped: the simulations took as many steps as a fit is given; the minimum may be lower"
 
@@ -237,13 +240,15 @@ class PhysicsStructure:
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: Effort
     ) -> StructureFit:
         largest = FINE_STEP if effort is Effort.FINE else COARSE_STEP
-        budget = Budget(BUDGETS[effort] * max(float(rows.sum()) / BUDGET_ROWS, 1.0))
-        problem = self._problem(choices, rows, noise, largest, budget)
         if effort is Effort.REFIT:
             places = self._problem(start.choices, start.rows, WHITE, COARSE_STEP).effect_places
             start = with_forms_of(choices, start, places)
         kept = [choice for choice in choices if choice in start.choices]
         new = [i for i, choice in enumerate(choices) if choice not in start.choices]
+        budget = Budget(BUDGETS[effort] * max(float(rows.sum()) / BUDGET_ROWS, 1.0))
+        problem = self._problem(choices, rows, noise, largest, budget)
+        if new:
+            budget.left = min(budget.left, SEARCHED[effort] * problem.steps_at(start.point))
         before = self._problem(kept, rows, noise, largest, budget)
         known = self._carried(before, start)
         if effort is Effort.REFIT or not new:
@@ -264,9 +269,8 @@ class PhysicsStructure:
         if effort is Effort.FINE:
             # A finer search goes on from the coarse one, and starts where that one has not.
             coarse = self.fit(choices, rows, noise, start, effort=Effort.COARSE)
-            on = search.descend_if_finite(
-                moved(problem, search, coarse.point), EVALUATIONS[effort], TOLERANCES[effort]
-            )
+            near = moved(problem, search, coarse.point)
+            on = search.descend_if_finite(near, EVALUATIONS[effort], TOLERANCES[effort])
             found += [] if on is None else [on]
         ends = ends_beside(search, plain, self._carried(plain, start), new, effort, found)
         if noise.size > 1 and not found:
