@@ -18,10 +18,11 @@ from sysid.physics.forced import MOST_STATES, ForcedPlant
 if TYPE_CHECKING:
     from sysid.diagnosis.export.saved_physics import SavedPhysicalModel
 
-_LINEAR = ("exponential", "linear_runs")
+_LINEAR = ("multiplied", "exponential", "linear_runs")
 _FORCED = (
     "sliding_friction", "smooth_force", "outflow", "rates", "spilled", "moved", "kept", "fourth_order_step",
-    "called_step", "holding_force", "margin", "mode_at_zero", "time_of_event", "cut_step", "forced_runs",
+    "called_step", "holding_force", "breaking_force", "margin", "mode_at_zero", "time_of_event", "cut_step",
+    "forced_runs",
 )  # fmt: skip
 _NUMBERS = (
     "A", "STEADY", "DRIVE", "PUSH", "READ", "FRICTION_FORWARD", "FRICTION_BACK", "BREAKAWAY",
