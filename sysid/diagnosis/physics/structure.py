@@ -33,7 +33,7 @@ from sysid.diagnosis.physics.search import Tangent, problem_point, refined
 from sysid.diagnosis.physics.setting import Plant, setting_of
 from sysid.diagnosis.physics.starts import wide_starts
 from sysid.diagnosis.physics.steps import enough_steps
-from sysid.diagnosis.structures.memory import Memory, key_of
+from sysid.diagnosis.structures.memory import Fits
 from sysid.diagnosis.structures.sides import with_forms_of
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
 from sysid.errors import IdentifiabilityError, ModelError
@@ -171,7 +171,7 @@ class PhysicsStructure:
         return True
 
     def _use(self, plant: Plant) -> None:
-        self.plant, self._memory = plant, Memory()
+        self.plant, self._fits = plant, Fits()
         self.setting = setting_of(self.record, self.model, plant, self.free_start)
 
     def _with_path(self, held: StructureFit, name: str, rows: Mask) -> StructureFit:
@@ -234,10 +234,7 @@ class PhysicsStructure:
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: Effort
     ) -> StructureFit:
         """Fit the model with these effects, from a fit with fewer (or other, or the same) effects."""
-        return self._memory.recalled(
-            key_of(choices, rows, noise, start, effort),
-            lambda: self._fit(choices, rows, noise, start, effort),
-        )
+        return self._fits.fitted(self._fit, choices, rows, noise, start, effort)
 
     def _fit(
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: Effort
