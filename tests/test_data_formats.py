@@ -305,3 +305,31 @@ def test_the_command_reads_them(tmp_path, capsys, monkeypatch):
     assert main(["compare", "bad.npz"]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert "bad.npz is not an npz file" in line
+
+
+@pytest.mark.parametrize("units", ["s,V,rad/s,", "[s],[V],[rad/s],-", '"s","V","rad/s","set"'])
+def test_a_row_of_units_below_the_header_is_read_as_such(tmp_path, units):
+    path = tmp_path / "bench.csv"
+    rows = "".join(f"{0.1 * k:.1f},{k % 3},{k % 5},train\n" for k in range(40))
+    path.write_text(f"time,u,y,set\n{units}\n{rows}")
+    record = read_record(path, time="time", split="set")
+    assert (record.period, len(record.y)) == (pytest.approx(0.1), 40)
+    assert (record.unit("u"), record.unit("y")) == ("V", "rad/s")
+
+
+def test_a_first_row_without_measurements_is_no_row_of_units(tmp_path):
+    path = tmp_path / "bench.csv"
+    path.write_text("set,u,y\ntrain,,\n" + "".join(f"train,{k % 3},{k % 5}\n" for k in range(40)))
+    with pytest.raises(DataError, match="row 1"):
+        read_record(path, period=0.1, split="set")
+
+
+def test_times_may_be_dates(tmp_path):
+    path = tmp_path / "historian.csv"
+    rows = "".join(f"2024-02-29 23:59:{k:02d}.250,{k % 3},{k % 5}\n" for k in range(40))
+    path.write_text("stamp,u,y\n" + rows)
+    record = read_record(path, time="stamp")
+    assert (record.period, len(record.y)) == (1.0, 40)
+    path.write_text("stamp,u,y\nyesterday,1,2\n" + rows)
+    with pytest.raises(DataError, match="row 1, column 'stamp': 'yesterday' is not a number"):
+        read_record(path, time="stamp")

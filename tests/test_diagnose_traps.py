@@ -170,3 +170,24 @@ def test_a_tie_ends_with_the_effect_it_began_with():
 def test_only_forces_that_could_hold_a_body_are_searched_where_the_plant_is_lost():
     asked = find_effects(["gravity_sine", "coulomb", "hysteresis_force", "cubic_stiffness", "in_deadzone"])
     assert [effect.name for effect in asked if may_hold(effect)] == ["gravity_sine", "cubic_stiffness"]
+
+
+def test_a_furnace_lags_behind_drifts_and_is_measured_from_another_zero():
+    """Alone the zero is lost in the drift, and a slow path explains more: yet all else builds on the zero."""
+    rng = np.random.default_rng(3)
+    period, delay, n = 2.0, 3.5, 800
+    u = levels(rng, n, 0.0, 8.0, 15, 40)
+    k = np.arange(n)
+    late = np.interp(k - delay, k, u)
+    heat = lfilter([0.0, 9.0 * (1.0 - np.exp(-period / 40.0))], [1.0, -np.exp(-period / 40.0)], late)
+    y = 20.0 + heat + 0.01 * k + 0.3 * rng.standard_normal(n)
+    found = diagnose(
+        make_record(u, y, period=period),
+        "thermal-first-order",
+        start={"C": 4.2, "G": 0.12},
+        effects=["in_delay", "out_offset", "out_drift", "extra_mode"],
+    )
+    assert found.verdict == "missing-effect"
+    assert set(found.accepted) == {"in_delay", "out_offset", "out_drift"}
+    (offset,) = found.final.fitted.parameters_of("out_offset")
+    assert offset.value == pytest.approx(20.0, abs=4 * offset.std_error)

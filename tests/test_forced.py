@@ -275,6 +275,30 @@ def test_runs_side_by_side_are_the_same_as_one_by_one(model: str) -> None:
     np.testing.assert_allclose(found[1][1][:, :, :n], found[0][1][:, :, :n], rtol=0, atol=1e-11)
 
 
+@pytest.mark.parametrize("lanes", [1, 3, 8, 9, 16, 17])
+@pytest.mark.parametrize("name", [*LAWS, "roots"])
+def test_as_many_lanes_as_there_are_run_as_one_by_one(name: str, lanes: int) -> None:
+    """Full and part vectors, inputs shared or of each lane, and one lane that diverges from some row on."""
+    plant = ForcedPlant(load_model("two-tanks" if name == "roots" else "mass-spring-damper"), 0.05)
+    generator = np.random.default_rng(lanes)
+    start = np.array([parameter.start for parameter in plant.model.parameters])
+    values = start * np.exp(0.1 * generator.standard_normal((lanes, start.size)))
+    laws = np.tile(FLOWS["roots"] if name == "roots" else LAWS[name], (lanes, 1))
+    plants, by_input, direct = plant.coefficients(values, laws)
+    plants[lanes // 2, 0] = 30.0  # the first state grows by e in a thirtieth of a second
+    u = generator.uniform(-3.0, 3.0, (lanes if lanes % 2 else 1, 600, 1))
+    found = []
+    for runs in (forced_runs, lane_runs):
+        y, states, at_start = np.empty((lanes, 600)), np.empty((lanes, 0, 4)), np.zeros((lanes, 4))
+        runs(plants.copy(), plant.order, plant.same, by_input, direct, u, at_start, 0.025, 2, y, states)
+        found.append(y)
+    with np.errstate(over="ignore"):
+        one, side = (np.where(np.abs(y) < 1e3, y, np.nan) for y in found)
+    # Half a wave of a steep sine amplifies rounding.
+    np.testing.assert_allclose(side, one, rtol=1e-9, atol=1e-9)
+    assert np.array_equal(np.isnan(found[0][:, -1]), np.isnan(found[1][:, -1]))
+
+
 def test_curves_without_calls_are_those_of_the_library() -> None:
     """Rounding of 30 operations, six squarings among them: some 100 units in the last place beside 1."""
     x = np.concatenate([np.linspace(-60.0, 60.0, 1001), [0.0, 1e-9, 1e3]])

@@ -78,6 +78,41 @@ CASES = [
 ]
 
 
+def test_what_only_the_sensor_sees_leaves_the_run_as_it_is():
+    """Lanes that share a run are as those that are simulated each for itself, and cost as much as one."""
+    found, _ = structure("mass-spring-damper", "", {})
+    choices = [
+        choice("cubic_stiffness"),
+        choice("out_saturation"),
+        choice("extra_mode"),
+        choice("out_offset"),
+    ]
+    problem = Problem(found.setting, choices, found.record.estimation, WHITE, 0.35)
+    point = np.concatenate([found.setting.nominal, 0.3 * problem.sizes[problem.n_model :]])
+    points, _ = problem.shifted(point, range(problem.size))
+    together = problem.outputs(points)
+    alone = np.array([problem.outputs(p[np.newaxis])[0] for p in points])
+    # A lane alone takes another order of sums than eight side by side.
+    np.testing.assert_allclose(together, alone, rtol=0, atol=1e-12 * np.abs(alone).max())
+    problem.budget.left = 0.0
+    problem.outputs(points)
+    steps = problem.steps_at(point) / (1 + problem.size)
+    assert -problem.budget.left == pytest.approx((1 + problem.n_model + 1) * steps)
+
+
+def test_a_fine_search_ends_no_higher_than_the_coarse_one():
+    found, _ = structure("mass-spring-damper", "stribeck", {"friction": 0.25, "excess": 0.8, "velocity": 0.2})
+    rows = found.record.estimation
+    baseline = found.baseline(rows)
+    for name in ("stribeck", "extra_mode", "in_deadzone"):
+        coarse, fine = (
+            found.fit([choice(name)], rows, WHITE, baseline, effort=effort)
+            for effort in (Effort.COARSE, Effort.FINE)
+        )
+        # The finer steps of the simulation move the cost, too.
+        assert fine.cost < 1.001 * coarse.cost
+
+
 @pytest.mark.parametrize(("family", "name", "parameters"), CASES, ids=[f"{f}-{n}" for f, n, _ in CASES])
 def test_the_hidden_effect_fits_to_the_noise_and_best(family, name, parameters):
     found, noise = structure(family, name, parameters)

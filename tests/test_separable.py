@@ -336,6 +336,18 @@ def test_descent_stops_where_no_step_is_worth_the_given_share(rng, share):
     assert early.costs[-1] - best.costs[-1] < 2 * share * best.costs[-1]
 
 
+def test_a_descent_ends_where_another_has_been():
+    whole = levenberg_marquardt(rosenbrock, rosenbrock_jacobian, [-1.2, 1.0])
+    first = descend(
+        lambda x: Residual(rosenbrock(x), lambda: rosenbrock_jacobian(x)),
+        [-1.2, 1.0],
+        met=lambda point: point.cost < 1.0,
+    )
+    assert first.status is Status.MET
+    assert first.costs == whole.costs[: len(first.costs)]
+    assert first.costs[-1] < 1.0 <= first.costs[-2]
+
+
 def test_a_cost_that_counts_as_zero_ends_the_descent():
     result = descend(
         lambda x: Residual(rosenbrock(x), lambda: rosenbrock_jacobian(x)), [-1.2, 1.0], zero=1e-3

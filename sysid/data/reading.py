@@ -14,7 +14,7 @@ from sysid.data.record import Floats, Record, make_record, names_of
 from sysid.data.registry import EXPERIMENT_COLUMN, SPLIT_COLUMN, registered_path
 from sysid.data.resampling import checked_period, clock_of, resample_table
 from sysid.data.text import detect, read_table
-from sysid.data.times import period_from_times, restarts
+from sysid.data.times import period_from_times, restarts, seconds_of_dates
 from sysid.data.units import in_seconds, named_units
 from sysid.errors import DataError, UsageError
 
@@ -187,6 +187,9 @@ def _times(
     try:
         return None if clock is None else _numbers(table, clock, path)
     except DataError:
+        dated = seconds_of_dates(table[clock])
+        if dated is not None:
+            return dated
         if required:
             raise
         remarks.append(

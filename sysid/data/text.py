@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid.data.units import named_units
 from sysid.errors import DataError
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 SEPARATORS = (";", "\t", ",", "|")
 COMMENT_SIGNS = ("#", "%", "//")
 HEAD_BYTES = 65536
+LONGEST_UNIT = 12
 # UTF-32 first: its little-endian mark begins with that of UTF-16.
 BYTE_ORDER_MARKS = (
     ((b"\xff\xfe\0\0", b"\0\0\xfe\xff"), "utf-32"),
@@ -38,6 +40,7 @@ class Dialect:
     comment: str | None
     columns: tuple[str, ...]
     lines_before_header: int
+    header_lines: int = 1
 
 
 def _open(path: Path) -> bytes:
@@ -81,7 +84,34 @@ def detect(path: Path, separator: str | None, decimal: str | None) -> Dialect:
         )
     if decimal is None:
         decimal = _decimal(lines[before + 1 : before + 200], separator)
-    return Dialect(encoding, separator, decimal, comment, columns, before)
+    units = _units(lines[before + 1 : before + 3], separator, decimal)
+    if len(units) != len(columns):
+        return Dialect(encoding, separator, decimal, comment, columns, before)
+    columns = tuple(_with_unit(name, unit) for name, unit in zip(columns, units, strict=True))
+    return Dialect(encoding, separator, decimal, comment, columns, before, header_lines=2)
+
+
+def _units(lines: Sequence[str], separator: str, decimal: str) -> list[str]:
+    """Return the row of units below the header; empty where there is none.
+
+    It holds short words and no number; below it numbers stand, and none of the words again, as in a column
+    that tells the rows of the fit from those of the test.
+    """
+    if len(lines) < 2:
+        return []
+    units, below = ([cell.strip() for cell in _header_cells(line, separator)] for line in lines)
+    measured = [_is_number(cell.replace(decimal, ".")) for cell in below]
+    told = [unit for unit, number in zip(units, measured, strict=False) if unit and number]
+    again = any(unit and unit == cell for unit, cell in zip(units, below, strict=False))
+    if not told or again or any(_is_number(u.replace(decimal, ".")) or len(u) > LONGEST_UNIT for u in units):
+        return []
+    return [unit.strip("[]()") for unit in units]
+
+
+def _with_unit(name: str, unit: str) -> str:
+    """Return a name with its unit in brackets, if the unit is a word and the name has none yet."""
+    full = f"{name} [{unit}]"
+    return full if named_units([full]) and not named_units([name]) else name
 
 
 def _encoding(head: bytes, path: Path) -> str:
@@ -140,7 +170,7 @@ def read_table(path: Path, dialect: Dialect, wanted: Sequence[str], texts: Seque
         "sep": dialect.separator,
         "decimal": dialect.decimal,
         "encoding": dialect.encoding,
-        "skiprows": dialect.lines_before_header + 1,
+        "skiprows": dialect.lines_before_header + dialect.header_lines,
         "header": None,
         "names": range(beyond + 1),  # places: names of columns that are not read may be double
         "dtype": {**{place: "str" for place, name in places.items() if name in texts}, beyond: "str"},

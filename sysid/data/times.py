@@ -1,10 +1,15 @@
 """The time column: where it restarts, whether it is uniform, which period it has."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.labels import Floats
 from sysid.errors import DataError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # Largest deviation of one step from the period.  Times are often printed with few digits.
 STEP_TOLERANCE = 0.05
@@ -43,6 +48,26 @@ def restarts(times: Floats, known: NDArray[np.str_] | None, *, strict: bool) -> 
             f"increase, or restart at {times[0]:g} for a new experiment; sort the rows or repair the time"
         )
     return np.asarray(restart)
+
+
+def seconds_of_dates(texts: "pd.Series") -> Floats | None:
+    """Return the seconds since the first of dates as ISO 8601 writes them; None where one is none.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> seconds_of_dates(pd.Series(["2024-02-29 23:59:59.5", "2024-03-01T00:00:00"])).tolist()
+    [0.0, 0.5]
+    """
+    import pandas as pd
+
+    try:
+        dates = pd.to_datetime(texts, format="ISO8601", utc=True)
+    except (ValueError, TypeError):
+        return None
+    if dates.isna().any():
+        return None
+    return np.asarray((dates - dates.iloc[0]).dt.total_seconds(), dtype=np.float64)
 
 
 def period_from_times(

@@ -27,10 +27,10 @@ from sysid.physics.forced_kernels import (
     spilled,
 )
 
-# Lanes side by side: a vector of the widest instructions, or two of the usual ones.
+# Lanes side by side: two vectors of the widest instructions, so that one need not wait for the other.
 WIDTH = 16
-# So few lanes are not worth a whole vector.
-FEW = 1
+# Up to so many lanes take half of them; so few are not worth a vector.
+HALF, FEW = 8, 1
 # Where things stand, in blocks of WIDTH: the coefficients of `forced_kernels`, states, side, motion.
 Z, SIDE, MOVING = fk.SIZE, fk.SIZE + MOST_STATES + 1, fk.SIZE + MOST_STATES + 2
 BLOCKS = MOVING + 1
@@ -291,10 +291,11 @@ def group_runs(
 ) -> None:
     """Simulate up to WIDTH runs."""
     lanes, m = plants.shape[0], u.shape[2]
-    width = lanes if lanes <= FEW else (8 if lanes <= 8 else WIDTH)
+    width = lanes if lanes <= FEW else (HALF if lanes <= HALF else WIDTH)
     w, after = np.zeros(BLOCKS * WIDTH), np.zeros((MOST_STATES + 1) * WIDTH)
+    by_block, passed = np.zeros(n * m * WIDTH), np.zeros(m * WIDTH)
+    signals, value, drift = np.zeros(m * WIDTH), np.zeros(WIDTH), np.zeros(WIDTH)
     rows = plants.copy()
-    drift = np.zeros(WIDTH)
     mode, chatter = np.full(WIDTH, SMOOTH), np.zeros(WIDTH, dtype=np.int64)
     dry, alive = np.zeros(WIDTH, dtype=np.bool_), np.zeros(WIDTH, dtype=np.bool_)
     curve = PLAIN
@@ -307,6 +308,10 @@ def group_runs(
         for j in range(MOST_STATES):
             w[(Z + j) * WIDTH + i] = starts[lane, j]
         w[MOVING * WIDTH + i] = 1.0
+        for c in range(m):
+            passed[c * WIDTH + i] = direct[lane, c]
+            for j in range(n):
+                by_block[(c * n + j) * WIDTH + i] = by_input[lane, j, c]
         bent = plants[lane, fk.BREAKAWAY] != 0.0
         slides = plants[lane, fk.FRICTION_FORWARD] > 0.0 or plants[lane, fk.FRICTION_BACK] > 0.0
         dry[i], alive[i] = i < lanes and (slides or bent), i < lanes
@@ -314,41 +319,37 @@ def group_runs(
         curve |= SWINGS if plants[lane, fk.GRAVITY] != 0.0 else PLAIN
         curve |= GAINS if plants[lane, fk.GAIN] != 0.0 else PLAIN
         curve |= LEVELS if has_levels(plants[lane]) else PLAIN
+    slow = bool(dry.any()) or states.shape[1] > 0
     for k in range(u.shape[1]):
-        running = False
-        for i in range(width):
-            p = Z * WIDTH + i
-            w[p] = min(w[p], w[_first * WIDTH + i])
-            w[p + WIDTH] = min(w[p + WIDTH], w[_second * WIDTH + i])
-            if not alive[i]:
-                continue
-            z = state_of(w, p)
-            source = i if u.shape[0] > 1 else 0
-            value = rows[i, _read] * z[0] + rows[i, _read + 1] * z[1] + rows[i, _read + 2] * z[2]
-            value += rows[i, _read + 3] * z[3] + rows[i, _read + 4]
-            for j in range(m):
-                value += direct[i, j] * u[source, k, j]
-            y[i, k] = value
-            if states.shape[1] > 0:
-                for j in range(MOST_STATES):
-                    states[i, k, j] = z[j]
-            if not math.isfinite(value) or chatter[i] > MOST_CHATTER * u.shape[1]:
-                y[i, k:] = np.nan
-                alive[i] = dry[i] = False
-                continue
-            running = True
-            for j in range(n):
-                rate = 0.0
-                for c in range(m):
-                    rate += by_input[i, j, c] * u[source, k, c]
-                rows[i, _drive + j] = w[(_drive + j) * WIDTH + i] = rate
-            if dry[i]:
-                mode[i] = mode_at_zero(rows[i], n, same, z) if z[0] == 0.0 else (1 if z[0] > 0.0 else -1)
-        if not running:
-            break
+        for c in range(m):
+            for i in range(width):
+                signals[c * WIDTH + i] = u[min(i, lanes - 1) if u.shape[0] > 1 else 0, k, c]
+        if not driven_and_read(w, n, m, by_block, passed, signals, value, width) or slow:
+            running = False
+            for i in range(lanes):
+                if not alive[i]:
+                    continue
+                if states.shape[1] > 0:
+                    for j in range(MOST_STATES):
+                        states[i, k, j] = w[(Z + j) * WIDTH + i]
+                if not math.isfinite(value[i]) or chatter[i] > MOST_CHATTER * u.shape[1]:
+                    y[i, k:] = np.nan
+                    alive[i] = dry[i] = False
+                    continue
+                running = True
+                if dry[i]:
+                    for j in range(n):
+                        rows[i, _drive + j] = w[(_drive + j) * WIDTH + i]
+                    z = state_of(w, Z * WIDTH + i)
+                    mode[i] = mode_at_zero(rows[i], n, same, z) if z[0] == 0.0 else (1 if z[0] > 0.0 else -1)
+            if not running:
+                break
+        for i in range(lanes):
+            if alive[i]:
+                y[i, k] = value[i]
         for _ in range(substeps):
             sticks = False
-            for i in range(width):
+            for i in range(lanes if slow else 0):
                 if dry[i]:
                     sticks = sticks or mode[i] == STUCK
                     w[SIDE * WIDTH + i] = float(mode[i])
@@ -356,7 +357,7 @@ def group_runs(
             step_of_all(w, n, same, curve, step, after, width)
             if sticks:
                 drift_of_all(w, n, same, after, drift, width)
-            for i in range(width):
+            for i in range(lanes if slow or curve & LEVELS else 0):
                 if dry[i]:
                     trial = state_of(after, i)
                     lasts = mode[i] * trial[0] >= 0.0
@@ -373,5 +374,33 @@ def group_runs(
                 elif curve & LEVELS:
                     levels = spilled(rows[i], state_of(after, i))
                     after[i], after[WIDTH + i] = levels[0], levels[1]
-            for j in range((MOST_STATES + 1) * WIDTH):
-                w[Z * WIDTH + j] = after[j]
+            for j in range(MOST_STATES + 1):
+                for i in range(width):
+                    w[(Z + j) * WIDTH + i] = after[j * WIDTH + i]
+
+
+@compiled
+def driven_and_read(
+    w: Floats, n: int, m: int, by_block: Floats, passed: Floats, signals: Floats, value: Floats, width: int
+) -> bool:
+    """Cut levels at their limits, fill in outputs and rates by the inputs; tell whether all is finite."""
+    for i in range(width):
+        w[Z * WIDTH + i] = min(w[Z * WIDTH + i], w[_first * WIDTH + i])
+        w[(Z + 1) * WIDTH + i] = min(w[(Z + 1) * WIDTH + i], w[_second * WIDTH + i])
+        total = w[_read * WIDTH + i] * w[Z * WIDTH + i] + w[(_read + 1) * WIDTH + i] * w[(Z + 1) * WIDTH + i]
+        total += w[(_read + 2) * WIDTH + i] * w[(Z + 2) * WIDTH + i]
+        total += w[(_read + 3) * WIDTH + i] * w[(Z + 3) * WIDTH + i] + w[(_read + 4) * WIDTH + i]
+        value[i] = total
+    for j in range(n):
+        for i in range(width):
+            w[(_drive + j) * WIDTH + i] = 0.0
+    for c in range(m):
+        for i in range(width):
+            value[i] += passed[c * WIDTH + i] * signals[c * WIDTH + i]
+        for j in range(n):
+            for i in range(width):
+                w[(_drive + j) * WIDTH + i] += by_block[(c * n + j) * WIDTH + i] * signals[c * WIDTH + i]
+    finite = True
+    for i in range(width):
+        finite &= math.isfinite(value[i])
+    return finite

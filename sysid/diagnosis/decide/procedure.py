@@ -28,12 +28,15 @@ from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.structures.structure import WHITE, Effort, Structure, StructureFit
 from sysid.progress import Progress
 
+ZERO = "out_offset"
 # How often a fit and the colour of its residual are brought to agree.
 SETTLINGS = 2
 # How many runners-up are tried before a record counts as unexplained, and how many beside each.
 RUNNERS_UP, BESIDE_RUNNER_UP = 2, 4
 # The input's other course is worth a search if it lowers the squared error, all else refitted, to this share.
 CLOSER = 0.9
+# A zero of the sensor comes before all else if it alone lowers the squared error to this share.
+SHIFTED = 0.5
 # To how many of the others the one that leaves the least is added with care.
 PAIRED = 3
 
@@ -213,9 +216,11 @@ class Attempt:
         return min(decision, self.judge.verdict(baseline, rungs, grown.trials, ()), key=_burden)
 
     def _replacing(self, decision: Decision) -> list[Trial]:
-        """Return laws of flow that are worth a search of their own where nothing explains.
+        """Return what is worth a search of its own where nothing explains: what all other laws build on.
 
-        They replace a law of the model, so they need not show beside an effect that was taken for them.
+        Laws of flow replace a law of the model, so they need not show beside an effect that was taken for
+        them; and from a wrong zero of the sensor every law depends on the wrong values, so that what else is
+        missing may leave a drift in which the zero alone is lost.
         """
         if decision.verdict != "unexplained":
             return []
@@ -224,15 +229,27 @@ class Attempt:
         return [
             trial
             for trial in decision.trials
-            if trial.name in flows - set(decision.rejected)
+            if trial.name not in decision.rejected
             and trial.fit is not None
-            and is_accepted(self.evidence, trial, baseline, baseline, False)
+            and (
+                is_accepted(self.evidence, trial, baseline, baseline, False)
+                if trial.name in flows
+                else trial.name == ZERO and self._shifts(trial.fit, baseline)
+            )
         ]
+
+    def _shifts(self, fit: StructureFit, baseline: StructureFit) -> bool:
+        """Tell whether a zero of the sensor is plainly off."""
+        shifted, as_it_was = (
+            (self.evidence.cost(other, WHITE_NOISE), self.evidence.held_out_error(other, WHITE))
+            for other in (fit, baseline)
+        )
+        return shifted[0] < SHIFTED * as_it_was[0] and shifted[1] < as_it_was[1]
 
     def _from_replaced(
         self, decision: Decision, given: list[StructureFit], grown: Grown, trial: Trial
     ) -> Decision:
-        """Decide once more with a law of flow as the first effect.
+        """Decide once more with what the other laws build on as the first effect.
 
         It stays: the effects that were taken for it do better for as long as not all are there.
         """

@@ -61,11 +61,46 @@ def pointer_of(drive: Drive) -> Any:
 
 @lru_cache(maxsize=256)
 def _drive(port: str, expression: str, names: tuple[str, ...]) -> Drive:
-    text = _source(expression, {"x": "x", "y": "x", "v": "v"}, names)
-    change = f"u - {text}" if port == "force" else f"u * {text}"
-    source = f"{_LIBRARY}def law(u, x, v, p):\n    return {change}\n"
+    source = f"{_LIBRARY}def law(u, x, v, p):\n    return {_change(port, expression, names)}\n"
     drive: Drive = _compiled(source, drive_signature())
     return drive
+
+
+def _change(port: str, expression: str, names: Sequence[str]) -> str:
+    text = _source(expression, {"x": "x", "y": "x", "v": "v"}, names)
+    return f"u - {text}" if port == "force" else f"u * {text}"
+
+
+def rows_of(effect: Effect, form: Form) -> Callable[[Floats, Floats, Floats, Floats], Floats]:
+    """Return the drive of a force or gain for whole sequences: ``rows(u, x, v, parameters)``.
+
+    Where nothing is fed back within it the compiler takes several rows at a time.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sysid.diagnosis.effects import find_effects
+    >>> (drag,) = find_effects(["quad_drag"])
+    >>> rows_of(drag, drag.forms[0])(np.ones(2), np.zeros(2), np.array([-2.0, 1.0]), np.array([0.5]))
+    array([3. , 0.5])
+    """
+    names = tuple(parameter.name for parameter in form.parameters)
+    return _rows(effect.port, form.expression, names)
+
+
+@lru_cache(maxsize=256)
+def _rows(port: str, expression: str, names: tuple[str, ...]) -> Callable[..., Floats]:
+    from numba import types
+
+    row = types.Array(types.float64, 1, "C")
+    change = _change(port, expression, names)
+    source = (
+        f"{_LIBRARY}def law(inputs, positions, speeds, p):\n    out = np.empty(inputs.shape[0])\n"
+        "    for k in range(inputs.shape[0]):\n        u, x, v = inputs[k], positions[k], speeds[k]\n"
+        f"        out[k] = {change}\n    return out\n"
+    )
+    rows: Callable[..., Floats] = _compiled(source, row(row, row, row, row))
+    return rows
 
 
 @lru_cache(maxsize=1)

@@ -58,4 +58,4 @@ def within_cells(chain: Chain, data: Data, minimum: Minimum, noise: Floats) -> M
         return minimum
     error = chain.error(data, run, noise)
     cost = float(error @ error)
-    return Minimum(point, run, cost, True) if cost < minimum.cost else minimum
+    return Minimum(point, cost, True) if cost < minimum.cost else minimum

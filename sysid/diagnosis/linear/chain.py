@@ -6,15 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.record import Mask
-from sysid.diagnosis.effects.base import EffectParameter, Floats, Map
-from sysid.diagnosis.effects.laws import drive_of, no_drive, pointer_of
+from sysid.diagnosis.effects.base import Floats, Map
+from sysid.diagnosis.effects.laws import drive_of, no_drive, pointer_of, rows_of
 from sysid.diagnosis.linear.differences import STEP, quotient
 from sysid.diagnosis.linear.kernels import (
     chosen_filtered,
-    drive_differences,
-    driven,
     free_run,
     simulate_driven,
+    speed_of,
     spread,
 )
 from sysid.diagnosis.linear.rows import Data
@@ -23,8 +22,6 @@ from sysid.diagnosis.structures.structure import Choice
 from sysid.diagnosis.structures.whitening import opening
 from sysid.errors import UsageError
 
-# Least value of a shape whose bound is zero, as a share of the largest one on its grid.
-LEAST_SHAPE = 1e-6
 # Ports of effects that act within the equation; the compiled run takes so many.
 DRIVING, MOST_DRIVES = ("force", "gain"), 2
 # Derivatives of the driven input by input, position and speed.
@@ -97,6 +94,7 @@ class Chain:
         compiled = [drive_of(choices[i].effect, choices[i].form) for i in drives]
         laws = [*compiled, *[no_drive()] * (MOST_DRIVES - len(drives))] if drives else []
         self.laws = [pointer_of(law) for law in laws]
+        self.rows_of_laws = [rows_of(choices[i].effect, choices[i].form) for i in drives]
         # A direct path that forces pass, too: where there are some.
         inside = [i for i in self.at["parallel"] if drives and self.choices[i].form.inside]
         self.inside = inside[0] if inside else None
@@ -136,7 +134,7 @@ class Chain:
         if data not in self._bounds:
             free = np.full(self.n_linear(data), np.inf)
             parameters = [p for c in self.choices for p in c.form.parameters]
-            lower = np.concatenate([-free, [_least(data, p) for p in parameters]])
+            lower = np.concatenate([-free, [data.least(p) for p in parameters]])
             self._bounds[data] = lower, np.concatenate([free, [p.maximum for p in parameters]])
         return self._bounds[data]
 
@@ -289,6 +287,7 @@ class Chain:
 
     def _law_changes(self, data: Data, point: Floats, run: Run, wanted: Mask) -> list[tuple[int, Floats]]:
         found = []
+        speed = speed_of(run.z, data.begin) if self.drives else _NONE
         for i in self.drives:
             place = self.places(data)[i]
             for row in range(place.start, place.stop):
@@ -298,7 +297,7 @@ class Chain:
                 def acting(value: float, row: int = row) -> Floats:
                     shifted = point.copy()
                     shifted[row] = value
-                    return self._driven(data, shifted, run.x, run.z)
+                    return self._driven(data, shifted, run.x, run.z, speed)
 
                 found.append((row, quotient(acting, point[row], self._is_strength(i, row - place.start))))
         return found
@@ -307,20 +306,27 @@ class Chain:
         """Return the derivative of the driven input by input, position and speed; empty without forces."""
         if not self.drives:
             return 1.0, _NONE, _NONE
-        steps = STEP * np.array([spread(signal) for signal in (run.x, run.z, np.diff(run.z))])
-        p, q = self._law_parameters(data, point)
-        first, second = self.laws
-        slopes = drive_differences(run.x, run.z, data.begin, len(self.drives), first, p, second, q, steps)
-        return slopes[0], slopes[1], slopes[2]
+        seen = (run.x, run.z, speed_of(run.z, data.begin))
 
-    def _driven(self, data: Data, point: Floats, x: Floats, z: Floats) -> Floats:
-        p, q = self._law_parameters(data, point)
-        first, second = self.laws
-        return np.asarray(driven(x, z, data.begin, len(self.drives), first, p, second, q))
+        def slope(number: int) -> Floats:
+            step = STEP * spread(seen[number])
+            move = [step if i == number else 0.0 for i in range(3)]
+            ahead = self._driven(data, point, *(signal + by for signal, by in zip(seen, move, strict=True)))
+            behind = self._driven(data, point, *(signal - by for signal, by in zip(seen, move, strict=True)))
+            return np.asarray((ahead - behind) / (2.0 * step))
+
+        # Forces are taken from the input: they leave its slope as it is.
+        return slope(0) if self.at["gain"] else 1.0, slope(1), slope(2)
+
+    def _driven(self, data: Data, point: Floats, x: Floats, position: Floats, speed: Floats) -> Floats:
+        """Return the input after the drives."""
+        for law, i in zip(self.rows_of_laws, self.drives, strict=True):
+            x = law(x, position, speed, point[self.places(data)[i]])
+        return x
 
     def felt(self, data: Data, point: Floats, x: Floats, z: Floats) -> Floats:
         """Return the input that acts if the output were ``z``."""
-        return self._driven(data, point, x, z)
+        return self._driven(data, point, x, z, speed_of(z, data.begin))
 
     def _fill_differences(
         self, data: Data, i: int, sequence: Floats, point: Floats, wanted: Mask, J: Floats
@@ -378,16 +384,6 @@ def too_many_drives(choices: Sequence[Choice]) -> bool:
 
 _PORTS = ("input", "output", "force", "gain", "parallel", "noise")
 _NONE = np.empty(0)
-
-
-def _least(data: Data, parameter: EffectParameter) -> float:
-    """Return the lower bound of a parameter.
-
-    A shape stays a little away from zero, where a relative step of its difference would vanish.
-    """
-    if parameter.grid is None or parameter.minimum != 0.0:
-        return parameter.minimum
-    return LEAST_SHAPE * float(data.tried(parameter.grid).max())
 
 
 def _map(choice: Choice) -> Map:

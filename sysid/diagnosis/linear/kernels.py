@@ -199,55 +199,14 @@ def simulate_driven(
     return True
 
 
-@with_drives(_row(_row, _row, _index, types.int64, _drive, _row, _drive, _row))
-def driven(
-    x: Floats,
-    z: Floats,
-    begin: Any,
-    n_drives: int,
-    first: Drive,
-    p: Floats,
-    second: Drive,
-    q: Floats,
-) -> Floats:
-    """Return v for a given z."""
-    out = np.empty(x.shape[0])
+@compiled
+def speed_of(z: Floats, begin: Any) -> Floats:
+    """Return the first difference within each experiment, zero in its first row."""
+    speed = np.zeros(z.shape[0])
     for e in range(begin.shape[0] - 1):
-        for k in range(begin[e], begin[e + 1]):
-            speed = z[k] - z[k - 1] if k > begin[e] else 0.0
-            out[k] = drive_at(x[k], z[k], speed, n_drives, first, p, second, q)
-    return out
-
-
-@with_drives(_matrix(_row, _row, _index, types.int64, _drive, _row, _drive, _row, _row))
-def drive_differences(
-    x: Floats,
-    z: Floats,
-    begin: Any,
-    n_drives: int,
-    first: Drive,
-    p: Floats,
-    second: Drive,
-    q: Floats,
-    steps: Floats,
-) -> Floats:
-    """Return the slopes of v by input, position and speed at a given z, by central differences."""
-    out = np.empty((3, x.shape[0]))
-    du, dz, dv = steps[0], steps[1], steps[2]
-    for e in range(begin.shape[0] - 1):
-        for k in range(begin[e], begin[e + 1]):
-            u, y = x[k], z[k]
-            v = y - z[k - 1] if k > begin[e] else 0.0
-            ahead = drive_at(u + du, y, v, n_drives, first, p, second, q)
-            behind = drive_at(u - du, y, v, n_drives, first, p, second, q)
-            out[0, k] = (ahead - behind) / (2.0 * du)
-            ahead = drive_at(u, y + dz, v, n_drives, first, p, second, q)
-            behind = drive_at(u, y - dz, v, n_drives, first, p, second, q)
-            out[1, k] = (ahead - behind) / (2.0 * dz)
-            ahead = drive_at(u, y, v + dv, n_drives, first, p, second, q)
-            behind = drive_at(u, y, v - dv, n_drives, first, p, second, q)
-            out[2, k] = (ahead - behind) / (2.0 * dv)
-    return out
+        for k in range(begin[e] + 1, begin[e + 1]):
+            speed[k] = z[k] - z[k - 1]
+    return speed
 
 
 @compiled

@@ -12,7 +12,7 @@ import numpy as np
 
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.linear.chain import Chain, Run
+from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.linear.triangles import damped_step, scaled_triangle
 
@@ -23,10 +23,9 @@ NEGLIGIBLE = 1e-2
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Where a search ended: point, run there, sum of squares, and whether it had come to rest."""
+    """Where a search ended: point, sum of squares there, and whether it had come to rest."""
 
     point: Floats
-    run: Run
     cost: float
     converged: bool
 
@@ -71,12 +70,12 @@ def minimise(
         lines, here = chain.slopes(data, point, run, noise, free), point[places]
         R, c, lengths = scaled_triangle(lines, error, here <= low, here >= high)
         if not float(c @ c) + float(R.sum()) < np.inf:
-            return Minimum(point, run, cost, False)
+            return Minimum(point, cost, False)
         before = cost
         while damping < LARGEST_DAMPING:
             step, lowered = damped_step(R, c, damping)
             if lowered <= NEGLIGIBLE * tolerance * cost:
-                return Minimum(point, run, cost, True)
+                return Minimum(point, cost, True)
             trial = point.copy()
             trial[places] += step / lengths
             trial = _within(trial, lower, upper)
@@ -90,11 +89,11 @@ def minimise(
                     break
             damping = max(10.0 * damping, 1e-6)
         else:
-            return Minimum(point, run, cost, True)
+            return Minimum(point, cost, True)
         small = small + 1 if before - cost <= tolerance * before else 0
         if small == 2 or cost == 0.0:
-            return Minimum(point, run, cost, True)
-    return Minimum(point, run, cost, False)
+            return Minimum(point, cost, True)
+    return Minimum(point, cost, False)
 
 
 def _within(point: Floats, lower: Floats, upper: Floats) -> Floats:

@@ -7,11 +7,13 @@ import numpy as np
 
 from sysid.data import Record
 from sysid.data.record import Mask
-from sysid.diagnosis.effects.base import Floats, Grid, Map
+from sysid.diagnosis.effects.base import EffectParameter, Floats, Grid, Map
 from sysid.errors import DataError
 
 # A search runs on at most this many rows; its end is polished on all of them.
 SEARCH_ROWS = 6000
+# Least value of a shape whose bound is zero, as a share of the largest one on its grid.
+LEAST_SHAPE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +60,15 @@ class Data:
         if grid not in self._tried:
             self._tried[grid] = grid.values(self.u, self.y[self.used], self.period)
         return self._tried[grid]
+
+    def least(self, parameter: EffectParameter) -> float:
+        """Return the lower bound of a parameter of an effect.
+
+        A shape stays a little away from zero, where a relative step of its difference would vanish.
+        """
+        if parameter.grid is None or parameter.minimum != 0.0:
+            return parameter.minimum
+        return LEAST_SHAPE * float(self.tried(parameter.grid).max())
 
     def lagged(self, signal: Floats, lag: int) -> Floats:
         """Delay a signal by whole samples within each experiment."""

@@ -1,13 +1,15 @@
 """Search for the parameters of a new effect: grid of its shapes, all else refitted at each point."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.levenberg import Minimum, minimise
+from sysid.diagnosis.linear.narrowing import Narrowing
 from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.linear.starts import with_regressed_coefficients
 from sysid.diagnosis.structures.structure import Effort
@@ -16,9 +18,25 @@ from sysid.diagnosis.structures.structure import Effort
 LARGEST_PRODUCT = 50
 # Iterations at each point of the grid, enough to rank them, and from the best ones for a ranking or an end.
 GRID_ITERATIONS, COARSE_ITERATIONS, FINE_ITERATIONS = 3, 8, 40
+# Of the cost: fits on the grid are compared and gone on from, what is below this share decides nothing.
+GRID_TOLERANCE = 1e-4
 # A start from a regression helps if it lowers the cost to this share.
 MUCH_BETTER = 0.8
-GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+# Golden sections between two neighbours of a point of the grid.
+COARSE_SECTIONS, FINE_SECTIONS = 8, 14
+# A leader whose cost exceeds the best one by this factor after a first search has lost.
+FAR = 1.1
+
+
+# The best fit of all else at shapes that were tried.
+Found = dict[tuple[float, ...], Minimum]
+
+
+class Grid(NamedTuple):
+    """What was found on the grid of an effect, and the starts of its search."""
+
+    starts: list[Floats]
+    found: Found
 
 
 class EffectSearch:
@@ -31,9 +49,18 @@ class EffectSearch:
     noise : ndarray
     starts : sequence of ndarray
         Values of the parameters before those of the new effect; each is tried.
+    found : dict, optional
+        What a search of the same kind has found on the grid.
     """
 
-    def __init__(self, chain: Chain, data: Data, noise: Floats, starts: Iterable[Floats]) -> None:
+    def __init__(
+        self,
+        chain: Chain,
+        data: Data,
+        noise: Floats,
+        starts: Iterable[Floats],
+        found: Found | None = None,
+    ) -> None:
         self.chain, self.data, self.noise = chain, data, noise
         self.starts = list(starts)
         self.place = chain.places(data)[-1]
@@ -42,33 +69,41 @@ class EffectSearch:
         size = chain.size(data)
         self.others = np.ones(size, dtype=bool)
         self.others[self.shapes] = False
-        grids = self.form.starts(data.u, data.y[data.used], data.period)
         lower, upper = chain.bounds(data)
+        tried = [data.tried(p.grid) for p in self.form.parameters if p.grid is not None]
         self.grids = [
-            np.unique(np.clip(g, lower[i], upper[i])) for g, i in zip(grids, self.shapes, strict=True)
+            np.unique(np.clip(values, lower[i], upper[i]))
+            for values, i in zip(tried, self.shapes, strict=True)
         ]
-        self.found: dict[tuple[float, ...], Minimum] = {}
+        self.found: Found = {} if found is None else dict(found)
 
-    def search(self, effort: Effort, near: Floats | None = None) -> list[Minimum]:
-        """Return minima, best first; ``near`` are shapes worth trying besides the grid."""
+    def searched(self) -> Grid:
+        """Search the grid, if the effect has one, and return what there is."""
+        if self.grids:
+            self._search_grid()
+        return Grid(self.starts, self.found)
+
+    def search(self, effort: Effort) -> list[Minimum]:
+        """Return minima, best first."""
         if not self.grids:
             points = [self.joined(start, ()) for start in self.starts]
             if self.chain.choices[-1].effect.port == "output":
                 regressed = with_regressed_coefficients(self.chain, self.data, points[0])
                 points += [] if regressed is None else [regressed]
             return _ranked([self._minimise(point, effort) for point in points])
-        if near is not None:
-            self._at(tuple(near))
+        if not self.found:
+            self._search_grid()
+        leaders = self._leaders(1 + 2 * effort if self.form.smooth else 1 + effort)
+        if not self.form.smooth:
+            return self._narrowed(leaders, effort)
+        return self._descended(leaders, effort)
+
+    def _search_grid(self) -> None:
         for shapes in self.grid_points():
             self._at(shapes)
         self._with_regression()
         if len(self.grids) > 1 and np.prod([g.size for g in self.grids]) > LARGEST_PRODUCT:
             self._one_by_one()
-        leaders = self._leaders(1 + 2 * effort if self.form.smooth else 1 + effort)
-        if not self.form.smooth:
-            leaders = [self._narrowed(leader, effort) for leader in leaders]
-            return _ranked(leaders)
-        return _ranked([self._minimise(leader.point, effort) for leader in leaders])
 
     def grid_points(self) -> list[tuple[float, ...]]:
         """Return the points of the grid, of two shapes only the diagonal if the whole is too large."""
@@ -90,7 +125,7 @@ class EffectSearch:
         own[self.shapes - self.place.start] = shapes
         return np.concatenate([start, own])
 
-    def _at(self, shapes: tuple[float, ...], iterations: int = GRID_ITERATIONS) -> Minimum | None:
+    def _at(self, shapes: tuple[float, ...]) -> Minimum | None:
         """Fit all but the shapes, from the best known start; remember the result."""
         if shapes in self.found:
             return self.found[shapes]
@@ -103,10 +138,17 @@ class EffectSearch:
         start = self._better(points)
         if start is None:
             return None
-        end = minimise(self.chain, self.data, start, self.noise, free=self.others, iterations=iterations)
+        end = self._with_shapes_held(start)
         if end is not None:
             self.found[shapes] = end
         return end
+
+    def _with_shapes_held(self, start: Floats) -> Minimum | None:
+        """Minimise over all but the shapes, as far as a comparison needs."""
+        return minimise(
+            self.chain, self.data, start, self.noise, free=self.others,
+            iterations=GRID_ITERATIONS, tolerance=GRID_TOLERANCE,
+        )  # fmt: skip
 
     def _with_regression(self) -> None:
         """Try starts from an equation-error regression where they help at some points of the grid.
@@ -128,7 +170,7 @@ class EffectSearch:
         start = with_regressed_coefficients(self.chain, self.data, before.point)
         if start is None:
             return False
-        end = minimise(self.chain, self.data, start, self.noise, free=self.others, iterations=GRID_ITERATIONS)
+        end = self._with_shapes_held(start)
         if end is None or end.cost >= before.cost:
             return False
         self.found[shapes] = end
@@ -179,56 +221,52 @@ class EffectSearch:
         places = zip(self.grids, a, b, strict=True)
         return all(abs(int(np.searchsorted(g, p)) - int(np.searchsorted(g, q))) <= 1 for g, p, q in places)
 
-    def _narrowed(self, leader: Minimum, effort: Effort) -> Minimum:
-        """Narrow each shape down by golden sections between its neighbours on the grid.
+    def _descended(self, leaders: list[Minimum], effort: Effort) -> list[Minimum]:
+        """Search over all from the leaders of the grid."""
+        ends: list[Minimum] = []
+        for leader in leaders:
+            end = self._minimise(leader.point, Effort.COARSE)
+            near = end is not None and (not ends or end.cost <= FAR * ends[0].cost)
+            if end is not None and near and effort is Effort.FINE and not end.converged:
+                end = self._minimise(end.point, effort) or end
+            ends = _ranked([*ends, end])
+        return ends
 
-        For maps that jump: the cost is piecewise constant in the shape, so a slope says nothing.
-        """
-        best, rounds = leader, (1 if len(self.grids) == 1 else 2)
-        steps = 8 if effort < 2 else 14
-        for _ in range(rounds):
-            for i, grid in enumerate(self.grids):
-                centre = best.point[self.shapes]
-                place = int(np.searchsorted(grid, centre[i]))
-                low = grid[max(place - 1, 0)]
-                high = grid[min(place + 1, grid.size - 1)]
-                best = self._golden(best, i, float(low), float(high), steps)
-                # The cost has small steps of its own: look once more around the best.
-                for part in (0.12, 0.015) if effort is Effort.FINE else ():
-                    middle, reach = float(best.point[self.shapes[i]]), part * float(high - low)
-                    best = self._golden(
-                        best, i, max(middle - reach, float(grid[0])), middle + reach, steps // 2
-                    )
-        done = minimise(
-            self.chain, self.data, best.point, self.noise, free=self.others,
-            iterations=FINE_ITERATIONS if effort is Effort.FINE else COARSE_ITERATIONS,
-        )  # fmt: skip
-        return done if done is not None else best
-
-    def _golden(self, best: Minimum, i: int, low: float, high: float, steps: int) -> Minimum:
-        def at(value: float) -> float:
-            nonlocal best
-            point = best.point.copy()
-            point[self.shapes[i]] = value
-            end = minimise(
-                self.chain, self.data, point, self.noise, free=self.others, iterations=GRID_ITERATIONS
+    def _narrowed(self, leaders: list[Minimum], effort: Effort) -> list[Minimum]:
+        """Narrow down the shapes of a map that jumps around the leaders of the grid."""
+        ends: list[Minimum] = []
+        fine = effort is Effort.FINE
+        for leader in leaders:
+            narrowing = Narrowing(
+                leader, self.shapes, self.grids, self._with_shapes_held, self._cells(leader.point)
             )
-            if end is not None and end.cost < best.cost:
-                best = end
-            return np.inf if end is None else end.cost
+            for number in range(1 if len(self.grids) == 1 else 2):
+                if number and ends and narrowing.best.cost > FAR * ends[0].cost:
+                    break  # what is left to narrow down brings it nowhere near the best
+                narrowing.sweep(FINE_SECTIONS if fine else COARSE_SECTIONS, fine)
+            done = minimise(
+                self.chain, self.data, narrowing.best.point, self.noise, free=self.others,
+                iterations=FINE_ITERATIONS if fine else COARSE_ITERATIONS,
+            )  # fmt: skip
+            ends = _ranked([*ends, narrowing.best if done is None else done])
+        return ends
 
-        left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-        at_left, at_right = at(left), at(right)
-        for _ in range(steps):
-            if at_left < at_right:
-                high, right, at_right = right, left, at_left
-                left = high - GOLDEN * (high - low)
-                at_left = at(left)
-            else:
-                low, left, at_left = left, right, at_right
-                right = low + GOLDEN * (high - low)
-                at_right = at(right)
-        return best
+    def _cells(self, point: Floats) -> Callable[[Floats], bytes | None]:
+        """Return what tells the cell of a map of the input: what it makes of it under given strengths."""
+        apply = self.form.apply
+        if self.chain.choices[-1].effect.port != "input" or apply is None:
+            return lambda point: None
+        chain = self.chain
+        plain = Chain(chain.order, chain.choices[:-1], chain.constant, chain.free_start)
+        before = plain.mapped(self.data, point)
+        # With a strength of zero no shape would tell.
+        strengths = np.where(point == 0.0, 1.0, point)
+
+        def cell(point: Floats) -> bytes:
+            own = np.where(self.others, strengths, point)[self.place]
+            return self.data.by_experiment(apply, before, own).tobytes()
+
+        return cell
 
 
 def _ranked(minima: Iterable[Minimum | None]) -> list[Minimum]:

@@ -18,9 +18,9 @@ from sysid.diagnosis.linear.parameters import equation_text, named_parameters, s
 from sysid.diagnosis.linear.probes import probe_directions
 from sysid.diagnosis.linear.restarts import AGREEMENT, restarted
 from sysid.diagnosis.linear.rows import Data, data_of, for_search, on_record
-from sysid.diagnosis.linear.search import EffectSearch
+from sysid.diagnosis.linear.search import EffectSearch, Grid
 from sysid.diagnosis.linear.starts import further_starts
-from sysid.diagnosis.structures.memory import Memory, key_of
+from sysid.diagnosis.structures.memory import Fits, Memory
 from sysid.diagnosis.structures.sides import with_forms_of
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
 from sysid.errors import DataError, UsageError
@@ -81,7 +81,7 @@ class LinearStructure:
         self._data = lru_cache(maxsize=16)(lambda rows: data_of(record, np.frombuffer(rows, dtype=bool)))
         self.order = self._chosen_order() if order is None else order
         self._baselines: dict[bytes, Floats] = {}
-        self._memory = Memory()
+        self._fits, self._grids = Fits(), Memory[Grid]()
 
     def on(self, record: Record) -> "LinearStructure":
         """Return the same structure, of the same order, for another record."""
@@ -165,10 +165,7 @@ class LinearStructure:
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: Effort
     ) -> StructureFit:
         """Fit the model with these effects, from a fit with fewer, other or the same effects."""
-        return self._memory.recalled(
-            key_of(choices, rows, noise, start, effort),
-            lambda: self._fit(choices, rows, noise, start, effort),
-        )
+        return self._fits.fitted(self._fit, choices, rows, noise, start, effort)
 
     def _fit(
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: Effort
@@ -221,8 +218,15 @@ class LinearStructure:
     ) -> tuple[Minimum | None, bool]:
         """Search the last effect of a chain on part of the rows, polish on all."""
         part = for_search(data, self.free_start)
-        starts = [point, *further_starts(chain, part, point)]
-        ends = EffectSearch(chain, part, noise, starts).search(effort)
+        names = tuple((choice.name, choice.form.name) for choice in chain.choices)
+
+        def searched() -> Grid:
+            starts = [point, *further_starts(chain, part, point)]
+            return EffectSearch(chain, part, noise, starts).searched()
+
+        # A fine search begins as the coarse one did.
+        grid = self._grids.recalled((names, rows.tobytes(), noise.tobytes(), point.tobytes()), searched)
+        ends = EffectSearch(chain, part, noise, grid.starts, grid.found).search(effort)
         if not ends:
             return None, False
         agree = len(ends) == 1 or ends[1].cost <= ends[0].cost * (1.0 + AGREEMENT)

@@ -102,48 +102,66 @@ def tangent_driven(
 ) -> Floats:
     """Return dz as `tangent` does, where v follows z by its slopes.
 
-    All changes go from row to row together, in vector instructions.
+    With v put in, each change is a filter of what it stands beside, with weights that move with time.
     """
-    columns = np.flatnonzero(wanted)
-    n, order = columns.shape[0] + inputs.shape[0], a.shape[0]
-    d, dv = np.zeros((z.shape[0], n)), np.zeros((z.shape[0], n))
-    dv[:, columns.shape[0] :] = inputs.T
+    columns, order = np.flatnonzero(wanted), a.shape[0]
+    own = columns.shape[0]
+    out = np.zeros((own + inputs.shape[0], z.shape[0]))
+    W = _moving_weights(a, b, begin, by_position, by_speed)
+    for e in range(begin.shape[0] - 1):
+        first, last = begin[e], begin[e + 1]
+        for line in range(out.shape[0]):
+            d = out[line]
+            if line < own:
+                _fill_own(d, columns[line], order, with_constant, e, z, v, first, last)
+            else:
+                add_delayed(inputs[line - own], b, first, last, d)
+            for k in range(first, last):
+                value = d[k]
+                for i in range(min(order + 1, k - first), 0, -1):
+                    value += W[k, i - 1] * d[k - i]
+                d[k] = value
+    return out
+
+
+@compiled
+def _moving_weights(a: Floats, b: Floats, begin: Any, by_position: Floats, by_speed: Floats) -> Floats:
+    """Return the weights in row k of dz one row, two rows, ... before."""
+    order = a.shape[0]
+    W = np.zeros((by_position.shape[0], order + 1))
     for e in range(begin.shape[0] - 1):
         for k in range(begin[e], begin[e + 1]):
-            age = k - begin[e]
-            _fill_own(d[k], columns, order, with_constant, e, age, z, v, k)
-            _add_lags(d, dv, a, b, k, min(order, age))
-            slope = by_position[k] + (by_speed[k] if age > 0 else 0.0)
-            for j in range(n):
-                dv[k, j] += slope * d[k, j]
-            if age > 0:
-                for j in range(n):
-                    dv[k, j] -= by_speed[k] * d[k - 1, j]
-    return d.T.copy()
+            for i in range(1, min(order, k - begin[e]) + 1):
+                speed = by_speed[k - i] if k - i > begin[e] else 0.0
+                W[k, i - 1] += b[i - 1] * (by_position[k - i] + speed) - a[i - 1]
+                W[k, i] -= b[i - 1] * speed
+    return W
 
 
 @compiled
 def _fill_own(
-    row: Floats, columns: Any, order: int, with_constant: bool, e: int, age: int, z: Floats, v: Floats, k: int
+    d: Floats,
+    column: int,
+    order: int,
+    with_constant: bool,
+    e: int,
+    z: Floats,
+    v: Floats,
+    first: int,
+    last: int,
 ) -> None:
-    """Fill in what own parameters stand beside in row k: a lag, a one or nothing."""
-    first = 2 * order + int(with_constant)
-    for j in range(columns.shape[0]):
-        column = columns[j]
-        if column < order:
-            row[j] = -z[k - column - 1] if age > column else 0.0
-        elif column < 2 * order:
-            row[j] = v[k - column + order - 1] if age > column - order else 0.0
-        else:
-            row[j] = 1.0 if column < first or (age < order and column - first == e * order + age) else 0.0
-
-
-@compiled
-def _add_lags(dz: Floats, dv: Floats, a: Floats, b: Floats, k: int, lags: int) -> None:
-    """Add to row k what the rows before it hand on."""
-    for i in range(1, lags + 1):
-        for j in range(dz.shape[1]):
-            dz[k, j] += b[i - 1] * dv[k - i, j] - a[i - 1] * dz[k - i, j]
+    """Fill in what an own parameter stands beside in an experiment: a signal before, a one or nothing."""
+    shared = 2 * order + int(with_constant)
+    if column < order:
+        for k in range(first + column + 1, last):
+            d[k] = -z[k - column - 1]
+    elif column < 2 * order:
+        for k in range(first + column - order + 1, last):
+            d[k] = v[k - column + order - 1]
+    elif column < shared:
+        d[first:last] = 1.0
+    elif (column - shared) // order == e and first + (column - shared) % order < last:
+        d[first + (column - shared) % order] = 1.0
 
 
 @compiled
@@ -165,23 +183,27 @@ def tangent_through(
 
     Changes ``outputs`` of y are those at given v; shape (n_wanted + n_inputs, n_rows).
     """
-    columns = np.flatnonzero(wanted)
-    own, order = columns.shape[0], a.shape[0]
-    n = own + inputs.shape[0]
-    z, moved, dy = y - direct * v, np.zeros(n), np.zeros((y.shape[0], n))
-    dz, dv = np.zeros((y.shape[0], n)), np.zeros((y.shape[0], n))
-    dv[:, own:] = inputs.T
+    columns, order = np.flatnonzero(wanted), a.shape[0]
+    own = columns.shape[0]
+    out = np.zeros((own + inputs.shape[0], y.shape[0]))
+    z, dz, dv = y - direct * v, np.empty(y.shape[0]), np.empty(y.shape[0])
     for e in range(begin.shape[0] - 1):
-        for k in range(begin[e], begin[e + 1]):
-            age = k - begin[e]
-            _fill_own(dz[k], columns, order, with_constant, e, age, z, v, k)
-            _add_lags(dz, dv, a, b, k, min(order, age))
-            moved[own:] = outputs[:, k]
-            slope = by_position[k] + (by_speed[k] if age > 0 else 0.0)
-            if age > 0:
-                for j in range(n):
-                    dv[k, j] -= by_speed[k] * dy[k - 1, j]
-            for j in range(n):
-                dy[k, j] = (dz[k, j] + moved[j] + direct * dv[k, j]) / (1.0 - direct * slope)
-                dv[k, j] += slope * dy[k, j]
-    return dy.T.copy()
+        first, last = begin[e], begin[e + 1]
+        for line in range(out.shape[0]):
+            dz[first:last] = 0.0
+            if line < own:
+                _fill_own(dz, columns[line], order, with_constant, e, z, v, first, last)
+            dy = out[line]
+            for k in range(first, last):
+                for i in range(1, min(order, k - first) + 1):
+                    dz[k] += b[i - 1] * dv[k - i] - a[i - 1] * dz[k - i]
+                given = moved = 0.0
+                if line >= own:
+                    given, moved = inputs[line - own, k], outputs[line - own, k]
+                slope = by_position[k]
+                if k > first:
+                    slope += by_speed[k]
+                    given -= by_speed[k] * dy[k - 1]
+                dy[k] = (dz[k] + moved + direct * given) / (1.0 - direct * slope)
+                dv[k] = given + slope * dy[k]
+    return out

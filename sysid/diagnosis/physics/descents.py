@@ -54,7 +54,7 @@ def ends_beside(
         tried = [problem.descend(problem_point(problem, before, known), 2, TOLERANCES[effort])]
     ends: list[Minimum[Residual]] = []
     for end in different(sorted(tried, key=cost_of))[: DESCENTS[effort]]:
-        if not end.status.converged:
+        if not end.status.converged and not any(end is other for other in found):
             end = problem.descend(end.x, EVALUATIONS[effort] - TRIED, TOLERANCES[effort], _been_at(ends))
         ends.append(end)
     ends.sort(key=cost_of)

@@ -351,7 +351,7 @@ class Problem:
         slopes: Floats = errors[1:] - errors[0]
         slopes /= moved[:, np.newaxis]
         if not self.held.any():
-            return slopes.T
+            return np.asarray(slopes.T)
         lines = np.zeros((self.size, errors.shape[1]))
         lines[~self.held] = slopes
         return lines.T
@@ -368,14 +368,18 @@ class Problem:
         forms = [choice.form for choice in self.choices if choice.effect.port == "output"]
         return any(not form.smooth and form.slope == "identity" for form in forms)
 
-    @property
+    @cached_property
     def steps_of_an_evaluation(self) -> float:
-        """Steps that a residual with its Jacobian takes."""
+        """Steps that a residual with its Jacobian takes at the start values."""
+        return self.steps_at(self.setting.nominal)
+
+    def steps_at(self, point: Floats) -> float:
+        """Return the steps that a residual with its Jacobian takes at a point, or one of another problem."""
         rows = sum(part.stop - part.start for part in self.parts)
         plant = self.setting.plant
         inside = plant.always_steps or not self.exact
-        substeps = plant.substeps(self.setting.known[np.newaxis], self.largest) if inside else 1
-        return float((1 + self.size) * rows * substeps)
+        values = self.setting.values_of(point)[np.newaxis]
+        return float((1 + self.size) * rows * (plant.substeps(values, self.largest) if inside else 1))
 
     def descend_if_finite(
         self, point: Floats, evaluations: int, tolerance: float, met: Met | None = None

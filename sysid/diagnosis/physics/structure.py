@@ -33,7 +33,7 @@ from sysid.diagnosis.physics.search import Tangent, problem_point, refined
 from sysid.diagnosis.physics.setting import Plant, setting_of
 from sysid.diagnosis.physics.starts import wide_starts
 from sysid.diagnosis.physics.steps import enough_steps
-from sysid.diagnosis.structures.memory import Memory, key_of
+from sysid.diagnosis.structures.memory import Fits
 from sysid.diagnosis.structures.sides import with_forms_of
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
 from sysid.errors import IdentifiabilityError, ModelError
@@ -50,6 +50,9 @@ RESTARTS, MORE_RESTARTS, SPREAD, SEED = 4, 16, 0.25, 7
 GAIN_ROWS, SAME_DIRECTION = 1_000, 1e-4
 # Most steps that the simulations of a fit of each effort may take, for so many rows; more for more rows.
 BUDGETS, BUDGET_ROWS = (60e6, 25e6, 80e6), 1_200
+# The same in evaluations at the fit that is started from: a search that takes several times as many as any
+# that ends well follows a plant that gets faster and faster.
+SEARCHED = (np.inf, 600.0, 2000.0)
 DIVERGES = "it diverges"
 SPENT = "stopped: the simulations took as many steps as a fit is given; the minimum may be lower"
 
@@ -168,7 +171,7 @@ class PhysicsStructure:
         return True
 
     def _use(self, plant: Plant) -> None:
-        self.plant, self._memory = plant, Memory()
+        self.plant, self._fits = plant, Fits()
         self.setting = setting_of(self.record, self.model, plant, self.free_start)
 
     def _with_path(self, held: StructureFit, name: str, rows: Mask) -> StructureFit:
@@ -231,22 +234,21 @@ class PhysicsStructure:
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: Effort
     ) -> StructureFit:
         """Fit the model with these effects, from a fit with fewer (or other, or the same) effects."""
-        return self._memory.recalled(
-            key_of(choices, rows, noise, start, effort),
-            lambda: self._fit(choices, rows, noise, start, effort),
-        )
+        return self._fits.fitted(self._fit, choices, rows, noise, start, effort)
 
     def _fit(
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: Effort
     ) -> StructureFit:
         largest = FINE_STEP if effort is Effort.FINE else COARSE_STEP
-        budget = Budget(BUDGETS[effort] * max(float(rows.sum()) / BUDGET_ROWS, 1.0))
-        problem = self._problem(choices, rows, noise, largest, budget)
         if effort is Effort.REFIT:
             places = self._problem(start.choices, start.rows, WHITE, COARSE_STEP).effect_places
             start = with_forms_of(choices, start, places)
         kept = [choice for choice in choices if choice in start.choices]
         new = [i for i, choice in enumerate(choices) if choice not in start.choices]
+        budget = Budget(BUDGETS[effort] * max(float(rows.sum()) / BUDGET_ROWS, 1.0))
+        problem = self._problem(choices, rows, noise, largest, budget)
+        if new:
+            budget.left = min(budget.left, SEARCHED[effort] * problem.steps_at(start.point))
         before = self._problem(kept, rows, noise, largest, budget)
         known = self._carried(before, start)
         if effort is Effort.REFIT or not new:
@@ -267,9 +269,8 @@ class PhysicsStructure:
         if effort is Effort.FINE:
             # A finer search goes on from the coarse one, and starts where that one has not.
             coarse = self.fit(choices, rows, noise, start, effort=Effort.COARSE)
-            on = search.descend_if_finite(
-                moved(problem, search, coarse.point), EVALUATIONS[effort], TOLERANCES[effort]
-            )
+            near = moved(problem, search, coarse.point)
+            on = search.descend_if_finite(near, EVALUATIONS[effort], TOLERANCES[effort])
             found += [] if on is None else [on]
         ends = ends_beside(search, plain, self._carried(plain, start), new, effort, found)
         if noise.size > 1 and not found:
