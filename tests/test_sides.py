@@ -50,3 +50,19 @@ def test_a_form_with_two_sides_starts_as_the_one_with_one() -> None:
     assert moved.point.size == fit.point.size + 1
     again = structure.fit([two], rows, WHITE, fit, effort=Effort.REFIT)
     assert again.cost < 0.99 * fit.cost
+
+
+def test_an_offset_that_only_the_start_of_a_play_tells_from_its_sides_is_named() -> None:
+    # Once the play has been crossed its sides stand for any constant: held-out rows cannot tell.
+    rng = np.random.default_rng(7)
+    u = np.repeat(rng.uniform(-2.0, 2.0, 120), 10)
+    x, y = 0.0, np.zeros(u.size)
+    for k in range(1, u.size):
+        x = min(max(x, u[k - 1] - 0.6), u[k - 1] + 0.7)
+        y[k] = 0.9 * y[k - 1] + 0.1 * x
+    y += 0.14 + 0.02 * rng.standard_normal(u.size)
+    names = ["in_backlash", "in_deadzone", "in_preload", "out_offset", "out_drift"]
+    found = diagnose(make_record(u, y, period=1.0), order=1, effects=names, initial_state="rest")
+    assert sorted(found.accepted) == ["in_backlash", "out_offset"]
+    (offset,) = found.final.fitted.parameters_of("out_offset")
+    assert abs(offset.value - 0.14) < 4.0 * offset.std_error
