@@ -46,10 +46,9 @@ def ends_beside(
 ) -> list[Minimum[Residual]]:
     """Search from the best points of the grid, around the fit so far and around the nominal values.
 
-    Points of the grid that a coarser search has started from are left to it where it ``found`` an end.
+    Searches that come to an end that a coarser search has ``found`` stop there.
     """
-    first = DESCENTS[Effort.COARSE] if found else 0
-    tried = [*found, *_tried_beside(problem, before, known, new, effort, first, found)]
+    tried = [*found, *_tried_beside(problem, before, known, new, effort, found)]
     if not tried:
         tried = [problem.descend(problem_point(problem, before, known), 2, TOLERANCES[effort])]
     ends: list[Minimum[Residual]] = []
@@ -82,13 +81,12 @@ def _tried_beside(
     known: Floats,
     new: Sequence[int],
     effort: Effort,
-    first: int = 0,
     found: Sequence[Minimum[Residual]] = (),
 ) -> list[Minimum[Residual]]:
     """Return where short searches from the best points of the grid have come to, each its own way."""
     points: list[Floats] = []
     for centre in _centres(problem, before, known):
-        starts = grid_starts(problem, before, centre, new)[first : DESCENTS[effort]]
+        starts = grid_starts(problem, before, centre, new)[: DESCENTS[effort]]
         points += [within_limits(problem, point) for _, point in starts]
     ends = list(found)
     for x in points:

@@ -267,7 +267,7 @@ class PhysicsStructure:
             plain = self._problem(kept, small, noise, largest, budget)
         found: list[Minimum[Residual]] = []
         if effort is Effort.FINE:
-            # A finer search goes on from the coarse one, and starts where that one has not.
+            # A finer search goes on from the coarse one; others of its searches may end where that one did.
             coarse = self.fit(choices, rows, noise, start, effort=Effort.COARSE)
             near = moved(problem, search, coarse.point)
             on = search.descend_if_finite(near, EVALUATIONS[effort], TOLERANCES[effort])
