@@ -18,3 +18,18 @@ def compiled(function: Kernel) -> Kernel:
         return cast(Kernel, numba.njit(cache=True, nogil=True)(function))
     except RuntimeError:
         return cast(Kernel, numba.njit(nogil=True)(function))
+
+
+def called_by_kernels(signature: str) -> Callable[[Kernel], Kernel]:
+    """Return a decorator that compiles a function which kernels take as an argument and call.
+
+    Kernels are compiled once for all functions of one signature, not for each.
+    """
+
+    def decorate(function: Kernel) -> Kernel:
+        try:
+            return cast(Kernel, numba.cfunc(signature, cache=True)(function))
+        except RuntimeError:
+            return cast(Kernel, numba.cfunc(signature)(function))
+
+    return decorate

@@ -9,7 +9,8 @@ from sysid.errors import ModelError
 from sysid.physics import Simulator, load_model
 from sysid.physics.forced import NO_LAW, ForcedPlant, law
 from sysid.physics.forced_kernels import forced_runs
-from sysid.physics.forced_lanes import falling, hyperbolic_tangent, lane_runs, sine
+from sysid.physics.forced_lanes import lane_runs
+from sysid.physics.forced_steps import falling, hyperbolic_tangent, sine
 from sysid.physics.ports import Port, find_port
 
 MSD = {"m": 1.3, "c": 0.4, "k": 5.0}

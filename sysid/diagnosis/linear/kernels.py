@@ -60,8 +60,9 @@ def is_stable(a: Floats) -> bool:
 def add_delayed(x: Floats, b: Floats, first: int, last: int, out: Floats) -> None:
     """Add b1 x(k-1) + b2 x(k-2) + ... to the rows from ``first`` to ``last`` of ``out``."""
     for i in range(b.shape[0]):
+        weight = b[i]
         for k in range(first + i + 1, last):
-            out[k] += b[i] * x[k - i - 1]
+            out[k] += weight * x[k - i - 1]
 
 
 @compiled
@@ -226,8 +227,9 @@ def chosen_filtered(values: Floats, used: Any, begin: Any, noise: Floats, first:
             for k in range(length):
                 kept[k] = signal[k]
             for lag in range(1, min(noise.shape[0], length)):
+                weight = noise[lag]
                 for k in range(lag, length):
-                    kept[k] += noise[lag] * signal[k - lag]
+                    kept[k] += weight * signal[k - lag]
             for k in range(min(noise.shape[0] - 1, length)):
                 kept[k] = 0.0
                 for lag in range(k + 1):
