@@ -66,3 +66,10 @@ def test_an_offset_that_only_the_start_of_a_play_tells_from_its_sides_is_named()
     assert sorted(found.accepted) == ["in_backlash", "out_offset"]
     (offset,) = found.final.fitted.parameters_of("out_offset")
     assert abs(offset.value - 0.14) < 4.0 * offset.std_error
+
+
+def test_a_play_is_tried_by_how_far_the_input_moves() -> None:
+    (play,) = find_effects(["in_backlash"])
+    u = np.random.default_rng(0).uniform(-0.1, 0.1, 500)
+    (near,), (far,) = (play.forms[0].starts(u + level, u, 1.0) for level in (0.0, 5.0))
+    assert near == pytest.approx(far, abs=0.005)  # the median of these is not quite zero

@@ -18,6 +18,7 @@ FAMILIES = ("linear", "physics")
 SLOPES = ("pointwise", "linear", "identity")
 SCALES = (
     "input quantile",
+    "input swing quantile",
     "input deviation",
     "input rise",
     "output quantile",
@@ -39,6 +40,7 @@ class Grid:
     ----------
     scale : str
         ``"input quantile"``, ``"output quantile"``: points are quantiles of the absolute value;
+        ``"input swing quantile"``: of the distance from the median, for what only counts how far it moves;
         ``"input deviation"``, ``"output deviation"``, ``"speed deviation"``: multiples of the standard
         deviation (speed is the output's first difference); ``"output count"``: multiples of the output's
         deviation, and the steps at whose multiples its values gather; ``"input rise"``: quantiles of the
@@ -64,6 +66,8 @@ class Grid:
         points = np.array(self.points)
         kind = self.scale.split()[-1]
         signal = u if self.scale.startswith("input") else y[np.isfinite(y)]
+        if self.scale == "input swing quantile":
+            signal = u - np.median(u)
         if kind == "quantile":
             return np.asarray(np.quantile(np.abs(signal), points))
         if kind == "rise":

@@ -158,7 +158,7 @@ EFFECTS = (
             "play",
             "width",
             "half the gap",
-            Grid("input quantile", (0.05, 0.12, 0.2, 0.3, 0.45, 0.6, 0.75, 0.88)),
+            Grid("input swing quantile", (0.05, 0.12, 0.2, 0.3, 0.45, 0.6, 0.75, 0.88)),
         ),
     ),
     Effect(
