@@ -40,10 +40,13 @@ class Budget:
     left : float
     spent : bool
         Whether a search was cut short.
+    most : float
+        Steps in a sample; a plant that asks for more counts as one that diverges.
     """
 
     left: float = np.inf
     spent: bool = False
+    most: float = np.inf
 
     def evaluations(self, wanted: int, steps: float) -> int:
         """Return how many evaluations of so many steps may be made: what is wanted, or at least two."""
@@ -187,7 +190,9 @@ class Problem:
         values[:, setting.places] = setting.to_values(own[:, : self.n_model])
         laws, starts = self._laws(inside), self._starts(own, number)
         driven = self._inputs(u, inside)
-        steps = plant.substeps(values[:1], self.largest) if plant.always_steps or not self.exact else 1
+        steps = self._steps(values)
+        if steps > self.budget.most:
+            return np.full((points.shape[0], u.shape[0]), np.nan)
         self.budget.left -= lanes * u.shape[0] * steps
         y = plant.run(values, laws, driven, starts, steps, states, self.exact)
         return self._outputs(y if which is None else y[which], u[:, 0], effects, rounded)
@@ -237,7 +242,7 @@ class Problem:
         driven = self._inputs(u, effects)
         driven = np.tile(driven, (lanes, 1, 1)) if driven.ndim == 2 else driven
         driven[1:, :, 0] += signals
-        steps = plant.substeps(values[:1], self.largest) if plant.always_steps or not self.exact else 1
+        steps = self._steps(values)
         starts = self._starts(np.tile(point, (lanes, 1)), number)
         runs = plant.run(values, laws, driven, starts, steps, None, self.exact)
         y = self._outputs(runs, u[:, 0], effects, False)
@@ -376,10 +381,16 @@ class Problem:
     def steps_at(self, point: Floats) -> float:
         """Return the steps that a residual with its Jacobian takes at a point, or one of another problem."""
         rows = sum(part.stop - part.start for part in self.parts)
+        return float((1 + self.size) * rows * self.steps_in_a_sample(point))
+
+    def steps_in_a_sample(self, point: Floats) -> int:
+        """Return the steps between two rows at a point, or one of another problem."""
+        return self._steps(self.setting.values_of(point)[np.newaxis])
+
+    def _steps(self, values: Floats) -> int:
+        """Return the steps between two rows for the first of some lanes."""
         plant = self.setting.plant
-        inside = plant.always_steps or not self.exact
-        values = self.setting.values_of(point)[np.newaxis]
-        return float((1 + self.size) * rows * (plant.substeps(values, self.largest) if inside else 1))
+        return plant.substeps(values[:1], self.largest) if plant.always_steps or not self.exact else 1
 
     def descend_if_finite(
         self, point: Floats, evaluations: int, tolerance: float, met: Met | None = None

@@ -53,6 +53,9 @@ BUDGETS, BUDGET_ROWS = (60e6, 25e6, 80e6), 1_200
 # The same in evaluations at the fit that is started from: a search that takes several times as many as any
 # that ends well follows a plant that gets faster and faster.
 SEARCHED = (np.inf, 600.0, 2000.0)
+# Poles beyond the sampling frequency leave no trace of their own in a record: a search does not follow a
+# plant there, unless its start values, known within some 20 %, or the fit that is started from are as fast.
+SAMPLING_RATE, AS_FAST = 2.0 * np.pi, (2.0, 1.0)
 DIVERGES = "it diverges"
 SPENT = "stopped: the simulations took as many steps as a fit is given; the minimum may be lower"
 
@@ -249,6 +252,7 @@ class PhysicsStructure:
         problem = self._problem(choices, rows, noise, largest, budget)
         if new:
             budget.left = min(budget.left, SEARCHED[effort] * problem.steps_at(start.point))
+            budget.most = _most_steps(problem, start.point)
         before = self._problem(kept, rows, noise, largest, budget)
         known = self._carried(before, start)
         if effort is Effort.REFIT or not new:
@@ -359,6 +363,13 @@ class PhysicsStructure:
             values = ", ".join(f"{p.name} = {p.value:.4g}" for p in fit.parameters_of(choice.name))
             lines.append(f"{choice.name}: {choice.effect.equation}" + (f"  ({values})" if values else ""))
         return "\n".join(lines)
+
+
+def _most_steps(problem: Problem, start: Floats) -> float:
+    """Return the most steps between two rows that a search from a fit goes on with."""
+    points = (problem.setting.nominal, start)
+    known = (factor * problem.steps_in_a_sample(point) for factor, point in zip(AS_FAST, points, strict=True))
+    return float(np.ceil(max(SAMPLING_RATE / problem.largest, *known)))
 
 
 def first_rows_of(rows: Mask, count: int) -> Mask:
