@@ -20,8 +20,8 @@ from sysid.physics.model import Parameter
 from sysid.separable.descent import Minimum, Residual, descend
 
 Met = Callable[[Residual], bool]
-# Fastest rate times the Runge-Kutta step: the run's relative error is about its fourth power / 120.
-COARSE_STEP, FINE_STEP = 0.35, 0.2
+# Fastest rate times the Runge-Kutta step in a search: a run's relative error is its fourth power / 120 or so.
+COARSE_STEP = 0.35
 # A value known within some 20 % stays within a factor of exp(3) = 20, whatever the effects do to it.
 FURTHEST = 3.0
 # Step of the difference quotients, relative to the size of the unknown: truncation and rounding both

@@ -27,7 +27,7 @@ from sysid.diagnosis.physics.hold import SMOOTHER, band_limited
 from sysid.diagnosis.physics.laws import SMOOTH_LAWS, SWITCHES, has_law, with_level
 from sysid.diagnosis.physics.parameters import named_parameters, standard_errors
 from sysid.diagnosis.physics.points import moved
-from sysid.diagnosis.physics.problem import COARSE_STEP, FINE_STEP, Budget, Problem, problem_of
+from sysid.diagnosis.physics.problem import COARSE_STEP, Budget, Problem, problem_of
 from sysid.diagnosis.physics.scatter import is_rugged, scattered
 from sysid.diagnosis.physics.search import Tangent, problem_point, refined
 from sysid.diagnosis.physics.setting import Plant, setting_of
@@ -242,7 +242,7 @@ class PhysicsStructure:
     def _fit(
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: Effort
     ) -> StructureFit:
-        largest = FINE_STEP if effort is Effort.FINE else COARSE_STEP
+        largest = COARSE_STEP  # the last refit alone needs finer steps, see `with_fine_steps`
         if effort is Effort.REFIT:
             places = self._problem(start.choices, start.rows, WHITE, COARSE_STEP).effect_places
             start = with_forms_of(choices, start, places)
@@ -348,7 +348,7 @@ class PhysicsStructure:
 
     def finish(self, fit: StructureFit, noise: Floats) -> StructureFit:
         """Return a fit with standard errors of its parameters filled in."""
-        problem = self._problem(fit.choices, fit.rows, noise, FINE_STEP)
+        problem = self._problem(fit.choices, fit.rows, noise, COARSE_STEP)
         errors = standard_errors(problem, fit.point)
         return replace(fit, parameters=named_parameters(problem, fit.point, errors))
 
