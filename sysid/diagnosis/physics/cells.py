@@ -3,7 +3,8 @@
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.physics.problem import Problem, finite
+from sysid.diagnosis.physics.evaluation import finite
+from sysid.diagnosis.physics.problem import Problem
 from sysid.diagnosis.structures.cells import QUANTISER, Cells, cells_of, inside_cells
 from sysid.diagnosis.structures.structure import WHITE
 from sysid.separable.descent import Minimum, Residual

@@ -4,7 +4,8 @@ import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics.cells import read_cells
-from sysid.diagnosis.physics.problem import Problem, finite
+from sysid.diagnosis.physics.evaluation import finite
+from sysid.diagnosis.physics.problem import Problem
 from sysid.diagnosis.structures.structure import FittedParameter
 
 # Singular values below this share of the largest belong to directions that the output does not show,

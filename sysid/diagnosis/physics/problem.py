@@ -1,7 +1,6 @@
 """The least-squares problem of a physical model with effects: free-run error over all unknowns."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -10,6 +9,8 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.physics.budget import Budget
+from sysid.diagnosis.physics.evaluation import Evaluation
 from sysid.diagnosis.physics.laws import INNER, coefficients, lower_bound, typical_size
 from sysid.diagnosis.physics.setting import LARGEST_LOGARITHM, Setting
 from sysid.diagnosis.structures.noise_filter import filtered_lines
@@ -29,30 +30,6 @@ FURTHEST = 3.0
 DIFFERENCE = 1e-6
 # An unknown near zero is moved as one of this share of its typical size.
 SMALLEST_SHARE = 1e-2
-
-
-@dataclass
-class Budget:
-    """Steps that the simulations of one fit may still take: not seconds, so that results repeat.
-
-    Attributes
-    ----------
-    left : float
-    spent : bool
-        Whether a search was cut short.
-    most : float
-        Steps in a sample; a plant that asks for more counts as one that diverges.
-    """
-
-    left: float = np.inf
-    spent: bool = False
-    most: float = np.inf
-
-    def evaluations(self, wanted: int, steps: float) -> int:
-        """Return how many evaluations of so many steps may be made: what is wanted, or at least two."""
-        allowed = max(int(min(self.left / max(steps, 1.0), wanted)), 2)
-        self.spent |= allowed < wanted
-        return min(allowed, wanted)
 
 
 class Problem:
@@ -411,7 +388,7 @@ class Problem:
         lower, upper = self.bounds
         with np.errstate(all="ignore"):
             return descend(
-                _Evaluation(self),
+                Evaluation(self),
                 np.clip(point, lower, upper),
                 bounds=(lower, upper),
                 negligible=tolerance,
@@ -423,30 +400,6 @@ class Problem:
 def problem_of(setting: Setting, fit: StructureFit, choices: Sequence[Choice] | None = None) -> Problem:
     """Return the problem of a fit, or of the same rows with other effects."""
     return Problem(setting, fit.choices if choices is None else choices, fit.rows, WHITE, COARSE_STEP)
-
-
-class _Evaluation:
-    """Residuals of a problem, with the Jacobian at once as long as the search takes its steps."""
-
-    def __init__(self, problem: Problem) -> None:
-        self._problem = problem
-        self._derivative_is_wanted = True
-
-    def __call__(self, point: Floats) -> Residual:
-        if self._problem.jumps or not self._derivative_is_wanted:
-            return Residual(self._problem.residual(point), lambda: self._asked(self._problem.jacobian(point)))
-        self._derivative_is_wanted = False
-        residual, J = self._problem.with_derivative(point)
-        return Residual(residual, lambda: self._asked(J))
-
-    def _asked(self, J: Floats) -> Floats:
-        self._derivative_is_wanted = True
-        return finite(J)
-
-
-def finite(J: Floats) -> Floats:
-    """Return a Jacobian with zeros where a small move makes the model diverge."""
-    return J if np.isfinite(J).all() else np.nan_to_num(J, nan=0.0, posinf=0.0, neginf=0.0)
 
 
 def _logarithm(parameter: Parameter, value: float, unbounded: float) -> float:

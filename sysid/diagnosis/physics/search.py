@@ -6,7 +6,8 @@ from itertools import product
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.physics.problem import Problem, finite
+from sysid.diagnosis.physics.evaluation import finite
+from sysid.diagnosis.physics.problem import Problem
 from sysid.separable.descent import Minimum, Residual
 
 # Share of a strength's typical size at which its effect is measured; that of a dry friction is not linear

@@ -9,6 +9,7 @@ from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
+from sysid.diagnosis.physics.budget import Budget
 from sysid.diagnosis.physics.cells import within_cells
 from sysid.diagnosis.physics.descents import (
     EVALUATIONS,
@@ -27,7 +28,7 @@ from sysid.diagnosis.physics.hold import SMOOTHER, band_limited
 from sysid.diagnosis.physics.laws import SMOOTH_LAWS, SWITCHES, has_law, with_level
 from sysid.diagnosis.physics.parameters import named_parameters, standard_errors
 from sysid.diagnosis.physics.points import moved
-from sysid.diagnosis.physics.problem import COARSE_STEP, Budget, Problem, problem_of
+from sysid.diagnosis.physics.problem import COARSE_STEP, Problem, problem_of
 from sysid.diagnosis.physics.scatter import is_rugged, scattered
 from sysid.diagnosis.physics.search import Tangent, problem_point, refined
 from sysid.diagnosis.physics.setting import Plant, setting_of

@@ -1,0 +1,29 @@
+"""How much simulation one fit may take."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass
+class Budget:
+    """Steps that the simulations of one fit may still take: not seconds, so that results repeat.
+
+    Attributes
+    ----------
+    left : float
+    spent : bool
+        Whether a search was cut short.
+    most : float
+        Steps in a sample; a plant that asks for more counts as one that diverges.
+    """
+
+    left: float = np.inf
+    spent: bool = False
+    most: float = np.inf
+
+    def evaluations(self, wanted: int, steps: float) -> int:
+        """Return how many evaluations of so many steps may be made: what is wanted, or at least two."""
+        allowed = max(int(min(self.left / max(steps, 1.0), wanted)), 2)
+        self.spent |= allowed < wanted
+        return min(allowed, wanted)

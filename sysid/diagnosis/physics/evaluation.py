@@ -1,0 +1,36 @@
+"""A problem as a search evaluates it."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sysid.diagnosis.effects.base import Floats
+from sysid.separable.descent import Residual
+
+if TYPE_CHECKING:
+    from sysid.diagnosis.physics.problem import Problem
+
+
+class Evaluation:
+    """Residuals of a problem, with the Jacobian at once as long as the search takes its steps."""
+
+    def __init__(self, problem: "Problem") -> None:
+        self._problem = problem
+        self._derivative_is_wanted = True
+
+    def __call__(self, point: Floats) -> Residual:
+        """Return the residual at a point, and how to get its Jacobian."""
+        if self._problem.jumps or not self._derivative_is_wanted:
+            return Residual(self._problem.residual(point), lambda: self._asked(self._problem.jacobian(point)))
+        self._derivative_is_wanted = False
+        residual, J = self._problem.with_derivative(point)
+        return Residual(residual, lambda: self._asked(J))
+
+    def _asked(self, J: Floats) -> Floats:
+        self._derivative_is_wanted = True
+        return finite(J)
+
+
+def finite(J: Floats) -> Floats:
+    """Return a Jacobian with zeros where a small move makes the model diverge."""
+    return J if np.isfinite(J).all() else np.nan_to_num(J, nan=0.0, posinf=0.0, neginf=0.0)
