@@ -15,9 +15,9 @@ from sysid.diagnosis.ports.loop import DEGREE, Loop
 from sysid.diagnosis.ports.opening import plant_of
 from sysid.diagnosis.ports.plants import PORTS
 from sysid.diagnosis.ports.reversals import change_at_reversal
-from sysid.diagnosis.ports.search import fit_baseline
+from sysid.diagnosis.ports.search import PortFit, fit_baseline
 from sysid.diagnosis.ports.stretches import make_stretches
-from sysid.diagnosis.ports.uncertainty import Shape
+from sysid.diagnosis.ports.uncertainty import Shape, shape_of
 from sysid.errors import DataError, ModelError, UsageError
 from sysid.linear import fit_output_error, predict
 from sysid.nonlinearities import Spline
@@ -306,6 +306,21 @@ def test_a_search_that_goes_nowhere_is_not_taken_for_a_finding(monkeypatch):
     assert "removes none" not in curve.sentence
     assert "what it could remove is not known" in curve.sentence
     assert curve.status == "the search found no curve that lowers the error on the rows it was fitted to"
+
+
+def test_a_map_behind_that_turns_the_output_round_is_shown_from_left_to_right():
+    record, _ = simulate("output", "quadratic", n=600)
+    fit = fit_output_error(record, 2)
+    knots = np.linspace(-4.0, 4.0, 4)
+    places = np.linspace(-4.0, 4.0, 50)
+    basis = np.column_stack([Spline(knots, row)(places) for row in np.eye(knots.size - 1 + DEGREE)])
+    falling = np.linalg.lstsq(basis, 0.02 * places**2 - 2.5 * places, rcond=None)[0]
+    loop, point = loop_at("output", fit, record, knots, falling)
+    shape = shape_of(PortFit(loop, point, loop.map_inputs(point), np.eye(2), True))
+    assert (np.diff(shape.value) > 0.0).all()
+    assert np.isfinite(shape.centre).all()
+    # The density covers all data, but for what lies beyond the knots.
+    assert np.sum(shape.density) * (shape.value[1] - shape.value[0]) == pytest.approx(1.0, abs=0.01)
 
 
 def test_the_same_record_gives_the_same_curves():

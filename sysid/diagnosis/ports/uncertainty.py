@@ -83,7 +83,7 @@ def shape_of(fit: PortFit) -> Shape:
     if loop.port.mode == BEHIND:
         level, slope = _line(loop, fit.point, z, lines)
         ends, z = ends + level + slope * ends, z + level + slope * z
-    value = np.linspace(ends[0], ends[1], POINTS)
+    value = np.linspace(ends.min(), ends.max(), POINTS)  # a steeply falling line turns the ends round
 
     def shown(point: Floats) -> Floats:
         return _shown(loop, point, loop.map_inputs(point), lines, value)
