@@ -62,10 +62,13 @@ def lane_runs(
 ) -> None:
     """Simulate several runs; arguments as those of `forced_kernels.forced_runs`."""
     curve, size = _costly(plants), 4 if n > 2 else 2
-    group_by_group(
-        plants, n, same, by_input, direct, u, starts, step, substeps, y, states,
-        curve in (LEVELS, ALL), step_of_all(size, curve), drift_of_all(size),
-    )  # fmt: skip
+    levelled, stepped, drifted = curve in (LEVELS, ALL), step_of_all(size, curve), drift_of_all(size)
+    for first in range(0, plants.shape[0], WIDTH):
+        group = slice(first, first + WIDTH)
+        group_runs(
+            plants[group], n, same, by_input[group], direct[group], u[group] if u.shape[0] > 1 else u,
+            starts[group], step, substeps, y[group], states[group], levelled, stepped, drifted,
+        )  # fmt: skip
 
 
 def _costly(plants: Floats) -> int:
@@ -86,33 +89,6 @@ def _costly(plants: Floats) -> int:
 def state_of(z: Floats, place: int) -> Any:
     """Return the state and memory of one lane."""
     return z[place], z[place + WIDTH], z[place + 2 * WIDTH], z[place + 3 * WIDTH], z[place + 4 * WIDTH]
-
-
-@compiled
-def group_by_group(
-    plants: Floats,
-    n: int,
-    same: bool,
-    by_input: Floats,
-    direct: Floats,
-    u: Floats,
-    starts: Floats,
-    step: float,
-    substeps: int,
-    y: Floats,
-    states: Floats,
-    levelled: bool,
-    stepped: Any,
-    drifted: Any,
-) -> None:
-    """Simulate several runs, a vector of lanes at a time."""
-    for first in range(0, plants.shape[0], WIDTH):
-        last = min(first + WIDTH, plants.shape[0])
-        group_runs(
-            plants[first:last], n, same, by_input[first:last], direct[first:last],
-            u[first:last] if u.shape[0] > 1 else u, starts[first:last], step, substeps,
-            y[first:last], states[first:last], levelled, stepped, drifted,
-        )  # fmt: skip
 
 
 @compiled

@@ -101,7 +101,7 @@ class Chain:
         self.at["parallel"] = [i for i in self.at["parallel"] if i not in inside]
 
     def layout(self, data: Data) -> Layout:
-        """Return where the parameters stand in a point, and their bounds."""
+        """Return where the parameters stand in a point."""
         found = self._layouts.get(data)
         if found is None:
             found = self._layouts[data] = self._laid_out(data)

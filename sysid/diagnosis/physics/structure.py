@@ -189,7 +189,7 @@ class PhysicsStructure:
         return float(np.sqrt(np.mean(error**2)))
 
     def _baseline(self, rows: Mask) -> StructureFit:
-        problem = self._problem((), rows, WHITE, COARSE_STEP)
+        problem = self._problem((), rows, WHITE)
         if problem.target.size < 2 * problem.size:
             raise IdentifiabilityError(
                 f"{problem.target.size} rows cannot determine {problem.size} unknowns: at least "
@@ -198,7 +198,7 @@ class PhysicsStructure:
         unknown = any(p.status == "free" for p in self.setting.searched)
         starts = self._wide_starts(rows) if unknown else self._near_starts(RESTARTS)
         small = first_rows_of(rows, SEARCH_ROWS)
-        search = problem if small.sum() == rows.sum() else self._problem((), small, WHITE, COARSE_STEP)
+        search = problem if small.sum() == rows.sum() else self._problem((), small, WHITE)
         ends = descents(search, starts)
         found_again = agree(ends)
         if not found_again:
@@ -243,18 +243,17 @@ class PhysicsStructure:
     def _fit(
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: Effort
     ) -> StructureFit:
-        largest = COARSE_STEP  # the last refit alone needs finer steps, see `with_fine_steps`
         if effort is Effort.REFIT:
-            places = self._problem(start.choices, start.rows, WHITE, COARSE_STEP).effect_places
+            places = self._problem(start.choices, start.rows, WHITE).effect_places
             start = with_forms_of(choices, start, places)
         kept = [choice for choice in choices if choice in start.choices]
         new = [i for i, choice in enumerate(choices) if choice not in start.choices]
         budget = Budget(BUDGETS[effort] * max(float(rows.sum()) / BUDGET_ROWS, 1.0))
-        problem = self._problem(choices, rows, noise, largest, budget)
+        problem = self._problem(choices, rows, noise, budget)
         if new:
             budget.left = min(budget.left, SEARCHED[effort] * problem.steps_at(start.point))
             budget.most = _most_steps(problem, start.point)
-        before = self._problem(kept, rows, noise, largest, budget)
+        before = self._problem(kept, rows, noise, budget)
         known = self._carried(before, start)
         if effort is Effort.REFIT or not new:
             point = problem_point(problem, before, known)
@@ -268,8 +267,8 @@ class PhysicsStructure:
         small = first_rows_of(rows, SEARCH_ROWS)
         search, plain = problem, before
         if small.sum() < rows.sum():
-            search = self._problem(choices, small, noise, largest, budget)
-            plain = self._problem(kept, small, noise, largest, budget)
+            search = self._problem(choices, small, noise, budget)
+            plain = self._problem(kept, small, noise, budget)
         found: list[Minimum[Residual]] = []
         if effort is Effort.FINE:
             # A finer search goes on from the coarse one; others of its searches may end where that one did.
@@ -280,8 +279,8 @@ class PhysicsStructure:
         ends = ends_beside(search, plain, self._carried(plain, start), new, effort, found)
         if noise.size > 1 and not found:
             # The colour of what is missing can hide an effect from the grid: search without it, too.
-            white = self._problem(choices, search.rows, WHITE, largest, budget)
-            bare = self._problem(kept, search.rows, WHITE, largest, budget)
+            white = self._problem(choices, search.rows, WHITE, budget)
+            bare = self._problem(kept, search.rows, WHITE, budget)
             ends += ends_without_colour(white, bare, search, self._carried(bare, start), new, effort)
             ends.sort(key=cost_of)
         if effort is Effort.FINE and is_rugged(search):
@@ -299,14 +298,14 @@ class PhysicsStructure:
         choices: Sequence[Choice],
         rows: Mask,
         noise: Floats,
-        largest: float,
         budget: Budget | None = None,
+        largest: float = COARSE_STEP,
     ) -> Problem:
         return Problem(self.setting, choices, rows, noise, largest, budget=budget)
 
     def _carried(self, problem: Problem, start: StructureFit) -> Floats:
         """Return the point of a problem with effects of ``start`` where that fit left them."""
-        old = self._problem(start.choices, start.rows, WHITE, COARSE_STEP)
+        old = self._problem(start.choices, start.rows, WHITE)
         return moved(old, problem, start.point)
 
     def _result(self, problem: Problem, minimum: Minimum[Residual], agree: bool) -> StructureFit:
@@ -329,10 +328,10 @@ class PhysicsStructure:
         A search can do with coarser ones, but what they do wrong ends in the parameters: of many rows with
         little noise these are known better than one row is.
         """
-        largest = enough_steps(self._problem(fit.choices, fit.rows, noise, COARSE_STEP), fit.point)
+        largest = enough_steps(self._problem(fit.choices, fit.rows, noise), fit.point)
         if largest == COARSE_STEP:
             return fit
-        problem = self._problem(fit.choices, fit.rows, noise, largest)
+        problem = self._problem(fit.choices, fit.rows, noise, largest=largest)
         end = problem.descend(fit.point, EVALUATIONS[Effort.REFIT], TOLERANCES[Effort.REFIT])
         return self._result(problem, within_cells(problem, end), fit.restarts_agree)
 
@@ -349,7 +348,7 @@ class PhysicsStructure:
 
     def finish(self, fit: StructureFit, noise: Floats) -> StructureFit:
         """Return a fit with standard errors of its parameters filled in."""
-        problem = self._problem(fit.choices, fit.rows, noise, COARSE_STEP)
+        problem = self._problem(fit.choices, fit.rows, noise)
         errors = standard_errors(problem, fit.point)
         return replace(fit, parameters=named_parameters(problem, fit.point, errors))
 
