@@ -46,11 +46,15 @@ def ends_beside(
 ) -> list[Minimum[Residual]]:
     """Search from the best points of the grid, around the fit so far and around the nominal values.
 
-    Searches that come to an end that a coarser search has ``found`` stop there.
+    Searches that come to an end that a coarser search has ``found`` stop there.  Nothing is returned where
+    the model diverges from all of these points.
     """
     tried = [*found, *_tried_beside(problem, before, known, new, effort, found)]
     if not tried:
-        tried = [problem.descend(problem_point(problem, before, known), 2, TOLERANCES[effort])]
+        end = problem.descend_if_finite(problem_point(problem, before, known), 2, TOLERANCES[effort])
+        if end is None:
+            return []
+        tried = [end]
     ends: list[Minimum[Residual]] = []
     for end in different(sorted(tried, key=cost_of))[: DESCENTS[effort]]:
         if not end.status.converged and not any(end is other for other in found):
