@@ -119,8 +119,9 @@ def score_screen(
                 names.append(name)
                 bases.append(basis)
     statistics = dict.fromkeys(directions, 0.0)
-    if not bases:
-        return ScoreScreen(statistics, np.zeros(1))
+    if not bases:  # a plain fit that has run off says nothing of small changes, and nothing against a fit
+        looks = sum(len(blocks) for blocks in directions.values())
+        return ScoreScreen(statistics, np.zeros(REPLICATES), max(looks, 1))
     stacked = np.hstack(bases)
     edges = np.cumsum([0, *(basis.shape[1] for basis in bases)])[:-1]
     scores = np.add.reduceat((stacked.T @ residual) ** 2, edges) / variance
