@@ -272,12 +272,21 @@ def diagnose(
         part, chosen = thinned(record, count) if count > 1 else shortened(record)
     structure = structure_of(part, model, order, initial_state, start, fixed)
     candidates = find_effects(effects if effects is not None else [e.name for e in _catalogue()])
+    given = find_effects(add)
     with bars_of(progress) as bars:
-        search = Search(
-            structure, candidates, alpha=alpha, max_effects=max_effects, seed=seed, given=find_effects(add),
-            jobs=jobs, bars=bars, smooth=count > 1,
-        )  # fmt: skip
-        decision, curves = _against_curves(structure, search.decide())
+
+        def decide(structure: Structure) -> "tuple[Decision, tuple[PortCurve, ...] | None]":
+            search = Search(
+                structure, candidates, alpha=alpha, max_effects=max_effects, seed=seed, given=given,
+                jobs=jobs, bars=bars, smooth=count > 1,
+            )  # fmt: skip
+            return _against_curves(structure, search.decide())
+
+        decision, curves = decide(structure)
+        if model == "linear" and order is None:
+            from sysid.diagnosis.orders import with_effects
+
+            structure, decision, curves = with_effects((structure, decision, curves), decide, alpha)
         kept = _kept(decision, accept)
         estimates = [decision.baseline, *rungs_of(structure, decision, kept)]
         whole: Structure = structure
