@@ -87,7 +87,7 @@ def _with_a_past(record: Record, rows: Mask) -> np.ndarray[tuple[int, ...], np.d
 def _regressors(
     record: Record, rows: Mask, residual: Floats, times: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
 ) -> tuple[Floats, Floats]:
-    """Return linear and bent functions of what was measured before some rows."""
+    """Return linear functions of what was measured before some rows, and bent ones of the input among it."""
 
     def scaled(values: Floats) -> Floats:
         return np.asarray((values - values[rows].mean()) / (values[rows].std() or 1.0))
@@ -95,13 +95,15 @@ def _regressors(
     y, u, r = (scaled(np.nan_to_num(values)) for values in (record.y[:, 0], record.u[:, 0], residual))
     lags = range(1, LAGS + 1)
     linear = [np.ones(times.size), *(signal[times - lag] for signal in (y, u) for lag in lags)]
-    moves = [scaled(np.diff(signal, prepend=signal[:1])) for signal in (y, u, r)]
-    seen = [signal[times - 1] for signal in (y, u, r, *moves)] + [
-        signal[times - FURTHER] for signal in (y, u)
-    ]
-    bent: list[Floats] = []
-    for i, one in enumerate(seen):
-        bent += [np.abs(one), one * np.abs(one), one**3 / (1.0 + one**2)]
-        bent += [one * other for other in seen[i + 1 :]]
-        bent += [one * np.abs(other) for j, other in enumerate(seen) if j != i]
+    drives = [u[times - 1], scaled(np.diff(u, prepend=u[:1]))[times - 1], u[times - FURTHER]]
+    drives += [np.abs(one) for one in drives]
+    # A disturbance that comes in steps foresees itself in a bent way: only what goes with the input is the
+    # plant's, and of a product only what its mean does not do.
+    drives = [one - one.mean() for one in drives]
+    moves = [scaled(np.diff(signal, prepend=signal[:1])) for signal in (y, r)]
+    seen = [signal[times - 1] for signal in (y, r, *moves)] + [y[times - FURTHER]]
+    seen += [np.abs(one) for one in seen]
+    bent = [one * other for one in drives for other in seen]
+    bent += [one * other for i, one in enumerate(drives) for other in drives[i:]]
+    bent += drives
     return np.column_stack(linear), np.column_stack(bent)
