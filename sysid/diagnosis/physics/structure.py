@@ -25,7 +25,7 @@ from sysid.diagnosis.physics.descents import (
 from sysid.diagnosis.physics.directions import directions, probes
 from sysid.diagnosis.physics.free_run import free_run, runs
 from sysid.diagnosis.physics.hold import SMOOTHER, band_limited
-from sysid.diagnosis.physics.laws import SMOOTH_LAWS, SWITCHES, has_law, with_level
+from sysid.diagnosis.physics.laws import SMOOTH_LAWS, SWITCHES, has_law, is_own, with_level
 from sysid.diagnosis.physics.parameters import named_parameters, standard_errors
 from sysid.diagnosis.physics.points import moved
 from sysid.diagnosis.physics.problem import COARSE_STEP, Problem, problem_of
@@ -127,12 +127,12 @@ class PhysicsStructure:
         port = self.plant.port
         if "physics" not in effect.families:
             return False
-        if effect.port in ("force", "gain", "flow") and not has_law(effect):
+        if effect.port in ("force", "gain", "flow") and not (has_law(effect) or is_own(effect)):
             return False
         if effect.port == "force":
             # With a constant force of the model's own these two would be second names.
             doubled = bool(port.constant) and effect.name in ("asymmetric_friction", "constant_force")
-            known = not self.general or effect.name in SMOOTH_LAWS
+            known = not self.general or effect.name in SMOOTH_LAWS or is_own(effect)
             return port.velocity is not None and known and not doubled
         if self.general and effect.port == "gain":
             return False
