@@ -203,6 +203,17 @@ class Evidence:
             return fit
         return self.structure.fit(fit.choices, self.rows, noise.polynomial, fit, effort=Effort.REFIT)
 
+    def settled(self, fit: StructureFit) -> StructureFit:
+        """Return a fit moved to where it is best under the colour of its own residual.
+
+        It was searched for under the colour of what was left without it: far from its minimum, whatever gives
+        it more freedom seems to explain something.
+        """
+        noise = self.noise(fit)
+        moved = self.structure.fit(fit.choices, self.rows, noise.polynomial, fit, effort=Effort.REFIT)
+        better = moved.usable and self.criterion(moved, noise) < self.criterion(fit, noise)
+        return moved if better else fit
+
     def residual(self, fit: StructureFit) -> Floats:
         """Return measurement less free run, shape (n_samples,); zero where either is missing."""
         y = self.structure.record.y[:, 0]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
+from sysid.diagnosis.decide.innovations import foreseen
 from sysid.diagnosis.decide.modes import MODE, is_the_plant_again, rings
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, Evidence
 from sysid.diagnosis.structures.structure import WHITE, Effort, StructureFit, with_fine_steps
@@ -100,6 +101,13 @@ class Judge:
                 "unexplained", baseline, rungs, tuple(accepted) if useful else self.given, trials, (), noise,
                 left_p, left_share, floor, tuple(accepted), self.given,
             )  # fmt: skip
+        if not fits and coloured and not fed_back:
+            told = foreseen(evidence.structure.record, rows, evidence.residual(final), noise.polynomial)
+            if told.plainly:  # a memory, but not that of a noise
+                return Decision(
+                    "unexplained", baseline, (), self.given, trials, (), noise, told.p_value, 1.0, floor,
+                    (), self.given,
+                )  # fmt: skip
         if self.memory_asked and coloured:
             accepted.append(NOISE_EFFECT)
         verdict = "missing-effect" if fits else ("coloured-noise" if accepted else "nothing-missing")

@@ -197,8 +197,8 @@ def refined(
             points[:, place] = values
             errors = Tangent(problem, minimum.x).outside(in_lanes(problem, points))
             costs = np.nan_to_num(np.einsum("ij,ij->i", errors, errors), nan=np.inf)
-            trial = problem.descend(points[int(np.argmin(costs))], evaluations, tolerance)
-            minimum = trial if trial.cost < minimum.cost else minimum
+            trial = problem.descend_if_finite(points[int(np.argmin(costs))], evaluations, tolerance)
+            minimum = trial if trial is not None and trial.cost < minimum.cost else minimum
             width = 1.5 * (high - low) / (REFINED_POINTS - 1)
             low, high = minimum.x[place] - width, minimum.x[place] + width
     return minimum
