@@ -76,12 +76,10 @@ class Judge:
         coloured = evidence.noise_accepted(final, noise)
         accepted = _in_order(fits)
         composed = len(final.choices) > len(self.given) + 1
-        chance, share = LEFT_P_VALUE, LEFT_SHARE
-        rows = evidence.rows
-        if fits:
-            # All rows that may be learnt from: a trace is weaker than what the search stopped at.
-            rows = evidence.structure.record.learning
-            chance, share = TRACE_P_VALUE, TRACE_SHARE
+        # All rows that may be learnt from: a trace is weaker than what the search stopped at, and what varies
+        # in time shows better, or only, in more of it.
+        rows = evidence.structure.record.learning
+        chance, share = (TRACE_P_VALUE, TRACE_SHARE) if fits else (LEFT_P_VALUE, LEFT_SHARE)
         if fits and coloured:
             chance, share = SUSPECT_P_VALUE, SUSPECT_SHARE
         if composed:

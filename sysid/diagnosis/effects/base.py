@@ -184,6 +184,11 @@ class Form:
     families: tuple[str, ...] = FAMILIES
 
     @property
+    def jumps(self) -> bool:
+        """Whether an output map follows its input on the whole, but by jumps."""
+        return not self.smooth and self.slope == "identity"
+
+    @property
     def shapes(self) -> tuple[int, ...]:
         """Positions of the shape parameters."""
         return tuple(i for i, p in enumerate(self.parameters) if not p.is_strength)

@@ -264,8 +264,7 @@ class Problem:
         sensor = [
             i
             for i, choice in enumerate(self.choices)
-            if choice.effect.port == "output"
-            and (rounded or choice.form.smooth or choice.form.slope != "identity")
+            if choice.effect.port == "output" and (rounded or not choice.form.jumps)
         ]
         u = np.ascontiguousarray(u) if beside else u
         for lane, parameters in enumerate(effects if beside or sensor else ()):
@@ -348,8 +347,7 @@ class Problem:
     @cached_property
     def jumps(self) -> bool:
         """Whether a sensor jumps, so that derivatives are taken without it."""
-        forms = [choice.form for choice in self.choices if choice.effect.port == "output"]
-        return any(not form.smooth and form.slope == "identity" for form in forms)
+        return any(choice.effect.port == "output" and choice.form.jumps for choice in self.choices)
 
     @cached_property
     def steps_of_an_evaluation(self) -> float:
