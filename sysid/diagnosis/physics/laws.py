@@ -130,6 +130,11 @@ def with_level(effect: Effect) -> Effect:
     return replace(effect, forms=forms)
 
 
+def is_switch_without_level(choice: Choice) -> bool:
+    """Tell whether an effect switches between values whose size is left to the model's gain."""
+    return choice.name in SWITCHES and all(p.name != "level" for p in choice.form.parameters)
+
+
 def _levelled(apply: Map) -> Map:
     def scaled(sequence: Floats, p: Floats, period: float) -> Floats:
         return np.asarray(p[-1] * apply(sequence, p[:-1], period))

@@ -20,6 +20,8 @@ from sysid.diagnosis.physics.descents import (
     descents,
     ends_beside,
     ends_without_colour,
+    likelier_from_start_values,
+    likeliest,
     nearly_agree,
 )
 from sysid.diagnosis.physics.directions import directions, probes
@@ -208,7 +210,7 @@ class PhysicsStructure:
             raise ModelError(
                 f"model {self.name!r} diverges from every start: give start values nearer to the plant's"
             )
-        best = ends[0]
+        best = likeliest(search, ends)
         if search is not problem:
             best = problem.descend(
                 moved(search, problem, best.x), EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE]
@@ -333,13 +335,16 @@ class PhysicsStructure:
         """Return a fit moved to where it is best with steps as fine as the noise asks.
 
         A search can do with coarser ones, but what they do wrong ends in the parameters: of many rows with
-        little noise these are known better than one row is.
+        little noise these are known better than one row is.  Of minima that are as good the one near
+        the start values is taken.
         """
-        largest = enough_steps(self._problem(fit.choices, fit.rows, noise), fit.point)
-        if largest == COARSE_STEP:
+        problem = self._problem(fit.choices, fit.rows, noise)
+        point = likelier_from_start_values(problem, fit.point)
+        largest = enough_steps(problem, point)
+        if largest == COARSE_STEP and point is fit.point:
             return fit
         problem = self._problem(fit.choices, fit.rows, noise, largest=largest)
-        end = problem.descend_if_finite(fit.point, EVALUATIONS[Effort.REFIT], TOLERANCES[Effort.REFIT])
+        end = problem.descend_if_finite(point, EVALUATIONS[Effort.REFIT], TOLERANCES[Effort.REFIT])
         return fit if end is None else self._result(problem, within_cells(problem, end), fit.restarts_agree)
 
     def tangent(self, fit: StructureFit) -> Floats:
