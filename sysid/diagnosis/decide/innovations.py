@@ -1,8 +1,8 @@
-"""Whether what a coloured noise leaves of a residual is new, or can be foreseen from what was measured before.
+"""Whether innovations are new, or can be foreseen from what was measured before.
 
-A free run that has lost the plant, as behind a gap that a shaft crosses now here and now there, leaves an error
-that follows nothing in the run, so that it passes for noise with a memory.  But the innovations of such noise
-follow nothing that was measured before them, in no linear and no other way.
+A free run that has lost the plant, as behind a gap that a shaft crosses now here and now there, leaves an
+error that follows nothing in the run, so that it passes for noise with a memory.  But the innovations of such
+noise follow nothing that was measured before them, in no linear and no other way.
 """
 
 from typing import NamedTuple

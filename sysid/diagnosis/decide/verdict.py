@@ -92,14 +92,15 @@ class Judge:
         stands_in = stands_in and (not rings(final) or is_the_plant_again(final, period))
         if fed_back:
             left_p, left_share, floor = 1.0, 0.0, float(np.sqrt(np.mean(evidence.residual(final)[rows] ** 2)))
-        if not fed_back and (stands_in or (left_p < chance and left_share > share)):
-            useful = explains_most(left_share)
+        lost = bool(fits) and self._lost(baseline, final)
+        if lost or (not fed_back and (stands_in or (left_p < chance and left_share > share))):
+            useful = explains_most(left_share) and not lost
             rungs = tuple(fits if useful else fits[: len(self.given)])
             return Decision(
                 "unexplained", baseline, rungs, tuple(accepted) if useful else self.given, trials, (), noise,
                 left_p, left_share, floor, tuple(accepted), self.given,
             )  # fmt: skip
-        if not fits and coloured and not fed_back:
+        if not fits and coloured:
             told = foreseen(evidence.structure.record, rows, evidence.residual(final), noise.polynomial)
             if told.plainly:  # a memory, but not that of a noise
                 return Decision(
@@ -113,6 +114,13 @@ class Judge:
             verdict, baseline, tuple(fits), tuple(accepted), trials, tie, noise, left_p, left_share, floor,
             (), self.given, fed_back,
         )  # fmt: skip
+
+    def _lost(self, baseline: StructureFit, final: StructureFit) -> bool:
+        """Tell whether effects have brought nothing: the plant is lost on held-out rows as without them."""
+        evidence = self.evidence
+        y = evidence.structure.record.y[evidence.held_out, 0]
+        before, after = (evidence.held_out_error(fit, WHITE) for fit in (baseline, final))
+        return after > max(before, float(np.nanstd(y)))
 
     def _polished(self, fits: Sequence[StructureFit]) -> Sequence[StructureFit]:
         """Refit the last model by its plain error where the noise seems to have a memory.

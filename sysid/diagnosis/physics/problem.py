@@ -302,7 +302,8 @@ class Problem:
     def cost(self, point: Floats) -> float:
         """Return the sum of its squares; infinite where the model diverges."""
         error = self.residual(point)
-        cost = float(error @ error)
+        with np.errstate(all="ignore"):
+            cost = float(error @ error)
         return cost if np.isfinite(cost) else np.inf
 
     def shifted(self, point: Floats, columns: Sequence[int]) -> tuple[Floats, Floats]:
