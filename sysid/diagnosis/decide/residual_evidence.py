@@ -134,7 +134,11 @@ class Evidence:
             parts = (filtered(part, rows, noise) for part in (residual, tangent, probes))
             return remainder(*parts).p_value
 
-        return chance(structure.earlier_probes(fit)) > LEFT_P_VALUE > chance(structure.probes(fit))
+        earlier = structure.earlier_probes(fit)
+        if not chance(earlier) > LEFT_P_VALUE > chance(structure.probes(fit)):
+            return False
+        # An autoregression foresees any motion of few frequencies, so that its own colour hides every effect.
+        return chance_by_likelihood(residual, tangent, earlier, rows) > LEFT_P_VALUE
 
     def _share_left(
         self, baseline: StructureFit, final: StructureFit, rows: Mask, colour: Floats, left: float
