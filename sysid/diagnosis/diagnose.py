@@ -168,6 +168,12 @@ class Diagnosis:
             "final": self.final.output,
         }
 
+    def draft(self) -> str:
+        """Return the best free-form curve as an effect in TOML, to be edited; empty if there is none."""
+        from sysid.diagnosis.drafts import draft_of
+
+        return draft_of(self)
+
     def write_predictions(self, path: "Path") -> None:
         """Write the predictions as CSV: k, measured, baseline, final."""
         from sysid.result_files import write_text

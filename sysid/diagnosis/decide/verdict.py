@@ -76,18 +76,10 @@ class Judge:
         coloured = evidence.noise_accepted(final, noise)
         accepted = _in_order(fits)
         composed = len(final.choices) > len(self.given) + 1
-        chance, share = LEFT_P_VALUE, LEFT_SHARE
-        rows = evidence.rows
-        if fits:
-            # All rows that may be learnt from: a trace is weaker than what the search stopped at.
-            rows = evidence.structure.record.learning
-            chance, share = TRACE_P_VALUE, TRACE_SHARE
-        if fits and coloured:
-            chance, share = SUSPECT_P_VALUE, SUSPECT_SHARE
-        if composed:
-            chance, share = SUSPECT_P_VALUE, TRACE_SHARE
-        if fits and evidence.smooth:
-            share = MOST_LEFT
+        # All rows that may be learnt from: a trace is weaker than what the search stopped at, and what varies
+        # in time shows better, or only, in more of it.
+        rows = evidence.structure.record.learning
+        chance, share = self._something_left(bool(fits), composed, coloured)
         left_p, left_share, floor = evidence.left(baseline, final, rows)
         period = evidence.structure.record.period
         stands_in = composed and not evidence.smooth and MODE in final.names
@@ -123,6 +115,19 @@ class Judge:
         y = evidence.structure.record.y[evidence.held_out, 0]
         before, after = (evidence.held_out_error(fit, WHITE) for fit in (baseline, final))
         return after > max(before, float(np.nanstd(y)))
+
+    def _something_left(self, effects: bool, composed: bool, coloured: bool) -> tuple[float, float]:
+        """Return below which chance and above which share of the explainable something is left.
+
+        Of a model with ``effects`` or without, of two or more that are ``composed``, with noise that is
+        ``coloured``.
+        """
+        if not effects:
+            return LEFT_P_VALUE, LEFT_SHARE
+        chance = SUSPECT_P_VALUE if composed or coloured else TRACE_P_VALUE
+        if self.evidence.smooth:
+            return chance, MOST_LEFT
+        return chance, SUSPECT_SHARE if coloured and not composed else TRACE_SHARE
 
     def _polished(self, fits: Sequence[StructureFit]) -> Sequence[StructureFit]:
         """Refit the last model by its plain error where the noise seems to have a memory.

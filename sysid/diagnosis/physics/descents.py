@@ -24,6 +24,9 @@ AGREEMENT, OUTPUT_AGREEMENT = 1e-3, 0.05
 # What a model that lacks an effect cannot follow has many minima next to the best: after many restarts these
 # may differ by a hundredth of the squared error.
 NEARLY, NEARLY_SAME_OUTPUT = 5e-3, 0.1
+# A value that was given is within some 20 %; it counts as one observed with this error, in logarithms, and
+# while it moved by less than NEAR no other minimum is worth a search.
+GIVEN_WITHIN, NEAR = 0.5, 0.25
 
 
 def descents(problem: Problem, starts: Sequence[Floats]) -> list[Minimum[Residual]]:
@@ -144,6 +147,40 @@ def agree(ends: Sequence[Minimum[Residual]]) -> bool:
 def nearly_agree(ends: Sequence[Minimum[Residual]]) -> bool:
     """Tell whether another of many searches ended next to the best."""
     return sum(_same(ends[0], end, NEARLY, NEARLY_SAME_OUTPUT) for end in ends) > 1
+
+
+def likeliest(problem: Problem, ends: Sequence[Minimum[Residual]]) -> Minimum[Residual]:
+    """Return the end of least error, the start values counting as observations.
+
+    Two tanks whose outflows change places, and the gain with them, have the same output: the record says
+    nothing of which is which, the values that were given do.
+    """
+    variance = max(min(end.cost for end in ends) / max(problem.target.size - problem.size, 1), 1e-300)
+
+    def squares(end: Minimum[Residual]) -> float:
+        return end.cost / variance + float(np.sum((_moved_by(problem, end.x) / GIVEN_WITHIN) ** 2))
+
+    return min(ends, key=squares)
+
+
+def likelier_from_start_values(problem: Problem, point: Floats) -> Floats:
+    """Return where a search ended, or where one from the start values ends if that is likelier."""
+    if np.abs(_moved_by(problem, point)).max(initial=0.0) < NEAR:
+        return point
+    given = point.copy()
+    given[: problem.n_model] -= _moved_by(problem, point)
+    here = problem.descend(point, EVALUATIONS[Effort.REFIT], TOLERANCES[Effort.REFIT])
+    there = problem.descend_if_finite(given, EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE])
+    if there is None or likeliest(problem, [here, there]) is here:
+        return point
+    return there.x
+
+
+def _moved_by(problem: Problem, point: Floats) -> Floats:
+    """Return how far the parameters of which a value was given are from it, in logarithms."""
+    searched = problem.setting.searched
+    given = np.array([p.positive and p.status == "uncertain" for p in searched], dtype=bool)
+    return np.where(given, point[: problem.n_model] - problem.setting.nominal, 0.0)
 
 
 def different(ends: Sequence[Minimum[Residual]]) -> list[Minimum[Residual]]:

@@ -157,8 +157,10 @@ def _with_strengths(problem: Problem, points: Floats, strengths: list[int], tang
     found = []
     for number, point in enumerate(points):
         at_zero = starts[number]
-        D = (responses[number * count : (number + 1) * count] - at_zero) / probe[:, np.newaxis]
-        if not (np.isfinite(D).all() and np.isfinite(at_zero).all()):
+        with np.errstate(all="ignore"):  # a law of the user's own may diverge
+            D = (responses[number * count : (number + 1) * count] - at_zero) / probe[:, np.newaxis]
+            norms = np.linalg.norm(D, axis=1)
+        if not (np.isfinite(norms).all() and np.isfinite(at_zero).all()):
             continue
         outside = tangent.outside(np.vstack([D, at_zero]))
         norms = np.linalg.norm(outside[:-1], axis=1)

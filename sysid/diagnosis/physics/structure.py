@@ -20,12 +20,14 @@ from sysid.diagnosis.physics.descents import (
     descents,
     ends_beside,
     ends_without_colour,
+    likelier_from_start_values,
+    likeliest,
     nearly_agree,
 )
 from sysid.diagnosis.physics.directions import directions, probes
 from sysid.diagnosis.physics.free_run import free_run, runs
 from sysid.diagnosis.physics.hold import SMOOTHER, band_limited
-from sysid.diagnosis.physics.laws import SMOOTH_LAWS, SWITCHES, has_law, with_level
+from sysid.diagnosis.physics.laws import SMOOTH_LAWS, SWITCHES, has_law, is_own, with_level
 from sysid.diagnosis.physics.parameters import named_parameters, standard_errors
 from sysid.diagnosis.physics.points import moved
 from sysid.diagnosis.physics.problem import COARSE_STEP, Problem, problem_of
@@ -127,12 +129,12 @@ class PhysicsStructure:
         port = self.plant.port
         if "physics" not in effect.families:
             return False
-        if effect.port in ("force", "gain", "flow") and not has_law(effect):
+        if effect.port in ("force", "gain", "flow") and not (has_law(effect) or is_own(effect)):
             return False
         if effect.port == "force":
             # With a constant force of the model's own these two would be second names.
             doubled = bool(port.constant) and effect.name in ("asymmetric_friction", "constant_force")
-            known = not self.general or effect.name in SMOOTH_LAWS
+            known = not self.general or effect.name in SMOOTH_LAWS or is_own(effect)
             return port.velocity is not None and known and not doubled
         if self.general and effect.port == "gain":
             return False
@@ -208,7 +210,7 @@ class PhysicsStructure:
             raise ModelError(
                 f"model {self.name!r} diverges from every start: give start values nearer to the plant's"
             )
-        best = ends[0]
+        best = likeliest(search, ends)
         if search is not problem:
             best = problem.descend(
                 moved(search, problem, best.x), EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE]
@@ -333,13 +335,16 @@ class PhysicsStructure:
         """Return a fit moved to where it is best with steps as fine as the noise asks.
 
         A search can do with coarser ones, but what they do wrong ends in the parameters: of many rows with
-        little noise these are known better than one row is.
+        little noise these are known better than one row is.  Of minima that are as good the one near
+        the start values is taken.
         """
-        largest = enough_steps(self._problem(fit.choices, fit.rows, noise), fit.point)
-        if largest == COARSE_STEP:
+        problem = self._problem(fit.choices, fit.rows, noise)
+        point = likelier_from_start_values(problem, fit.point)
+        largest = enough_steps(problem, point)
+        if largest == COARSE_STEP and point is fit.point:
             return fit
         problem = self._problem(fit.choices, fit.rows, noise, largest=largest)
-        end = problem.descend_if_finite(fit.point, EVALUATIONS[Effort.REFIT], TOLERANCES[Effort.REFIT])
+        end = problem.descend_if_finite(point, EVALUATIONS[Effort.REFIT], TOLERANCES[Effort.REFIT])
         return fit if end is None else self._result(problem, within_cells(problem, end), fit.restarts_agree)
 
     def tangent(self, fit: StructureFit) -> Floats:
