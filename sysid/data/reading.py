@@ -39,9 +39,10 @@ def read_record(
 ) -> Record:
     r"""Read a record from a CSV (plain or ``.gz``), Parquet, MATLAB or npz file.
 
-    The suffix tells the format.  In a text table separator, decimal comma, byte order mark and
-    comment lines are detected.  In ``.mat`` (any version) and ``.npz`` files each variable of
-    n x 1 or 1 x n numbers is a column, fields of a MATLAB structure ``s`` are columns ``s.field``,
+    The suffix tells the format.  In a text table separator, decimal comma, byte order mark, comment lines
+    and other lines above the header are detected; columns without a header are named by their place, ``1``
+    first.  Rows at its end that lack an input or an output are left out, with a warning.  In ``.mat`` (any
+    version) and ``.npz`` files each variable of n x 1 or 1 x n numbers is a column, fields of a MATLAB structure ``s`` are columns ``s.field``,
     and a scalar ``Ts``, ``dt``, ``period`` [s] or ``fs`` [Hz] gives the sampling period; nothing in
     them is ever executed.  A JSON file of the same name beside the table may give ``units``, ``Ts``
     [s] and ``splits.<set>.skip``, which are used where nothing else is said.
@@ -56,7 +57,8 @@ def read_record(
     period : float, optional
         Sampling period [s].
     time : str, optional
-        Column with the time [s]; it must be uniform, and starts a new experiment where it restarts.
+        Column with the time [s], in the unit that its name tells (``t [ms]``, ``t_ms``), or as dates; it must
+        be uniform, and starts a new experiment where it restarts.
     split, experiment : str, optional
         Columns with the split and the experiment.
     skip : int, optional
