@@ -6,14 +6,12 @@ import numpy as np
 
 from sysid.diagnosis.decide.alignment import chance_at_other_times
 from sysid.diagnosis.decide.decision import Trial
-from sysid.diagnosis.decide.evidence import block_separation, chance_of
+from sysid.diagnosis.decide.evidence import TIED, block_separation, chance_of, told_apart
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, SEEN_P_VALUE, Evidence
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.structures.structure import WHITE, StructureFit, filtered
 
-# Two candidates are tied when their errors differ by less than so many standard errors.
-TIED = 2.0
 # A further effect must explain this share of what all effects explain, or it is a detail of the first.  Less
 # is enough where only white noise is left after it, or where it explains so many times what is left, or so
 # much of the free-run error on held-out rows: a run that is lost without the first effect dwarfs all else.
@@ -206,7 +204,7 @@ def tied(evidence: Evidence, trials: Sequence[Trial]) -> tuple[str, ...]:
         for trial in trials[1:]
         if trial.fit is not None
         and is_significant(evidence, trial)
-        and block_separation(own, filtered(evidence.residual(trial.fit), rows, noise)) < TIED
+        and not told_apart(own, filtered(evidence.residual(trial.fit), rows, noise))
         and not (evidence.smooth and (1.0 - LEAST_FALL) * trial.validation > best.validation)
     ]
     return (best.name, *equals) if equals else ()

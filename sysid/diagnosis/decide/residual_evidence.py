@@ -93,9 +93,9 @@ class Evidence:
             p_value = min(p_value, chance_by_likelihood(residual, tangent, probes, rows))
         # One kind of effect alone shows more clearly by its own probes.
         kinds = families(probes.shape[1])
-        by_kind, most = clearest(
-            *(filtered(part, rows, plain) for part in (residual, tangent, probes)), kinds
-        )
+        whitened = (filtered(part, rows, plain) for part in (residual, tangent, probes))
+        residual_left, tangent_left, probes_left = whitened
+        by_kind, most = clearest(residual_left, tangent_left, probes_left, kinds)
         share = self._share_left(baseline, final, rows, colour, found.explained)
         if by_kind < p_value:
             p_value = by_kind
@@ -218,6 +218,17 @@ class Evidence:
         if noise.order == 0:
             return fit
         return self.structure.fit(fit.choices, self.rows, noise.polynomial, fit, effort=Effort.REFIT)
+
+    def settled(self, fit: StructureFit) -> StructureFit:
+        """Return a fit moved to where it is best under the colour of its own residual.
+
+        It was searched for under the colour of what was left without it: far from its minimum, whatever gives
+        it more freedom seems to explain something.
+        """
+        noise = self.noise(fit)
+        moved = self.structure.fit(fit.choices, self.rows, noise.polynomial, fit, effort=Effort.REFIT)
+        better = moved.usable and self.criterion(moved, noise) < self.criterion(fit, noise)
+        return moved if better else fit
 
     def residual(self, fit: StructureFit) -> Floats:
         """Return measurement less free run, shape (n_samples,); zero where either is missing."""

@@ -221,6 +221,8 @@ class Effect:
         Kinds of models it makes sense for: ``"linear"``, ``"physics"``.
     dry : bool
         Whether a force jumps with the direction of motion, so that the body can stick.
+    definition : str
+        The TOML table that it was read from, as JSON, by which a saved model knows it.
     """
 
     name: str
@@ -233,6 +235,7 @@ class Effect:
     forms: tuple[Form, ...]
     families: tuple[str, ...] = FAMILIES
     dry: bool = False
+    definition: str = ""
 
     @property
     def found_by(self) -> tuple[Form, ...]:
