@@ -106,7 +106,7 @@ class Search:
         looks_again = decision.left_p_value < LEFT_P_VALUE and not self.smooth
         if looks_again and isinstance(self.structure, Resampled):
             attempt, decision = self._with_other_course(self.structure, attempt, decision)
-        if decision.verdict != "not-identifiable" and attempt.evidence.rows_disagree(decision.final):
+        if decision.verdict != "not-identifiable" and _held_out_rows_show_more(attempt.evidence, decision):
             other = self._attempt(*interleaved(record.learning))
             found = other.decided()
             # Where nothing explains, rows that take turns must do more than move what is left.
@@ -380,6 +380,16 @@ class Attempt:
             p_value=evidence.memory_p_value(noise),
             validation=evidence.held_out_error(baseline, WHITE),
         )
+
+
+def _held_out_rows_show_more(evidence: Evidence, decision: Decision) -> bool:
+    """Tell whether held-out rows show something that the rows of the search do not."""
+    if evidence.rows_disagree(decision.final):
+        return True
+    if decision.verdict != "unexplained" or len(decision.final.choices) > len(decision.given):
+        return False
+    chance = evidence.left(decision.baseline, decision.final, evidence.rows)[0]
+    return chance >= LEFT_P_VALUE > decision.left_p_value
 
 
 def _burden(decision: Decision) -> tuple[bool, float]:

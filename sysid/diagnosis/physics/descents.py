@@ -49,11 +49,15 @@ def ends_beside(
 ) -> list[Minimum[Residual]]:
     """Search from the best points of the grid, around the fit so far and around the nominal values.
 
-    Searches that come to an end that a coarser search has ``found`` stop there.
+    Searches that come to an end that a coarser search has ``found`` stop there.  Nothing is returned where
+    the model diverges from all of these points.
     """
     tried = [*found, *_tried_beside(problem, before, known, new, effort, found)]
     if not tried:
-        tried = [problem.descend(problem_point(problem, before, known), 2, TOLERANCES[effort])]
+        end = problem.descend_if_finite(problem_point(problem, before, known), 2, TOLERANCES[effort])
+        if end is None:
+            return []
+        tried = [end]
     ends: list[Minimum[Residual]] = []
     for end in different(sorted(tried, key=cost_of))[: DESCENTS[effort]]:
         if not end.status.converged and not any(end is other for other in found):
@@ -110,8 +114,24 @@ def _centres(problem: Problem, before: Problem, known: Floats) -> list[Floats]:
     nominal = known.copy()
     nominal[: before.n_model] = problem.setting.nominal
     if not np.allclose(nominal, known, rtol=1e-3):
-        centres.append(nominal)
+        centres.append(_nearer(before, nominal))
     return centres
+
+
+def _nearer(problem: Problem, nominal: Floats) -> Floats:
+    """Return the nominal values with the initial states of a fit, or from rest if that comes nearer.
+
+    A plant that has run off with its parameters may start anywhere: with a time constant of nothing, the
+    speed of the first sample is of no account.
+    """
+    if problem.n_starts == 0:
+        return nominal
+    resting = nominal.copy()
+    resting[problem.n_model + problem.n_effects :] = np.tile(problem.setting.rest, len(problem.parts))
+    with np.errstate(all="ignore"):
+        errors = problem.errors(np.array([nominal, resting]))
+        costs = np.nan_to_num(np.einsum("ij,ij->i", errors, errors), nan=np.inf)
+    return resting if costs[1] < costs[0] else nominal
 
 
 def cost_of(end: Minimum[Residual]) -> float:
