@@ -63,7 +63,7 @@ def foreseen(record: Record, rows: Mask, residual: Floats, noise: Floats) -> For
         return Foreseen(1.0, 0.0)
     known = orthonormal(linear)
     new = orthonormal(without(bent, known))
-    target = without(innovations[times], known)
+    target = without(_normal_scores(innovations[times]), known)
     left = without(target, new)
     whole, rest, free = float(target @ target), float(left @ left), times.size - known.shape[1] - new.shape[1]
     if not rest > 0.0 or new.shape[1] == 0:
@@ -71,6 +71,17 @@ def foreseen(record: Record, rows: Mask, residual: Floats, noise: Floats) -> For
     ratio = (whole - rest) / new.shape[1] / (rest / free)
     share = 1.0 - (rest / free) / (whole / (times.size - known.shape[1]))
     return Foreseen(float(fdtrc(new.shape[1], free, ratio)), share)
+
+
+def _normal_scores(values: Floats) -> Floats:
+    """Return values that are as they would be in this order under a normal distribution.
+
+    A disturbance that steps a few times has a few large innovations, which many directions can follow.
+    """
+    from scipy.special import ndtri
+
+    ranks = np.argsort(np.argsort(values, kind="stable"), kind="stable")
+    return np.asarray(ndtri((ranks + 0.5) / values.size))
 
 
 def _with_a_past(record: Record, rows: Mask) -> np.ndarray[tuple[int, ...], np.dtype[np.intp]]:

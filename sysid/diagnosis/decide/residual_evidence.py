@@ -93,9 +93,9 @@ class Evidence:
             p_value = min(p_value, chance_by_likelihood(residual, tangent, probes, rows))
         # One kind of effect alone shows more clearly by its own probes.
         kinds = families(probes.shape[1])
-        by_kind, most = clearest(
-            *(filtered(part, rows, plain) for part in (residual, tangent, probes)), kinds
-        )
+        whitened = (filtered(part, rows, plain) for part in (residual, tangent, probes))
+        residual_left, tangent_left, probes_left = whitened
+        by_kind, most = clearest(residual_left, tangent_left, probes_left, kinds)
         share = self._share_left(baseline, final, rows, colour, found.explained)
         if by_kind < p_value:
             p_value = by_kind

@@ -109,6 +109,13 @@ class Judge:
             (), self.given, fed_back,
         )  # fmt: skip
 
+    def _lost(self, baseline: StructureFit, final: StructureFit) -> bool:
+        """Tell whether effects have brought nothing: the plant is lost on held-out rows as without them."""
+        evidence = self.evidence
+        y = evidence.structure.record.y[evidence.held_out, 0]
+        before, after = (evidence.held_out_error(fit, WHITE) for fit in (baseline, final))
+        return after > max(before, float(np.nanstd(y)))
+
     def _something_left(self, effects: bool, composed: bool, coloured: bool) -> tuple[float, float]:
         """Return below which chance and above which share of the explainable something is left.
 
@@ -121,13 +128,6 @@ class Judge:
         if self.evidence.smooth:
             return chance, MOST_LEFT
         return chance, SUSPECT_SHARE if coloured and not composed else TRACE_SHARE
-
-    def _lost(self, baseline: StructureFit, final: StructureFit) -> bool:
-        """Tell whether effects have brought nothing: the plant is lost on held-out rows as without them."""
-        evidence = self.evidence
-        y = evidence.structure.record.y[evidence.held_out, 0]
-        before, after = (evidence.held_out_error(fit, WHITE) for fit in (baseline, final))
-        return after > max(before, float(np.nanstd(y)))
 
     def _polished(self, fits: Sequence[StructureFit]) -> Sequence[StructureFit]:
         """Refit the last model by its plain error where the noise seems to have a memory.
