@@ -53,6 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
             seed=arguments.seed,
             jobs=arguments.jobs,
             progress=None,
+            thorough=arguments.thorough,
         )
         _write(diagnosis, arguments)
     for sentence in diagnosis.sentences():

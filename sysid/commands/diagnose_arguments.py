@@ -36,6 +36,11 @@ def add(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--jobs", metavar="J", type=int, default=1, help="most processors to use; the answer is the same"
     )
+    group.add_argument(
+        "--thorough",
+        action="store_true",
+        help="try all combinations of effects, however long the simulations take",
+    )
     group = parser.add_argument_group("results")
     group.add_argument("--json", metavar="FILE", type=Path, help="numbers for other programs")
     group.add_argument("--predictions", metavar="FILE", type=Path, help="CSV: k, measured, baseline, final")

@@ -11,12 +11,20 @@ from sysid.diagnosis.wording import percent
 
 # An experiment tells two candidates apart if their outputs differ by so many deviations of the noise.
 LEAST_SEPARATION = 4.0
+CUT_SHORT = (
+    " The search ended before all combinations of effects were tried, for its simulations had taken as many "
+    "steps as a search is given: go on to its end with --thorough (thorough=True)."
+)
 # Of a wide tie so many are named.
 MOST_NAMED = 4
 
 
 def advise(structure: Structure, decision: Decision, accepted: Sequence[str]) -> str:
     """Return advice that fits the verdict."""
+    return _by_verdict(structure, decision, accepted) + (CUT_SHORT if decision.cut_short else "")
+
+
+def _by_verdict(structure: Structure, decision: Decision, accepted: Sequence[str]) -> str:
     if decision.verdict == "not-identifiable":
         return (
             f"Searches of the model {structure.name!r} from different starts end at different answers: "

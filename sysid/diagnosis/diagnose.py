@@ -131,6 +131,7 @@ class Diagnosis:
             "where": [finding.to_json() for finding in self.where],
             "ports": [port.to_json() for port in self.ports],
             "advice": self.advice,
+            "search": {"complete": not self.decision.cut_short},
             "left": {
                 "p_value": finite(self.decision.left_p_value),
                 "share": finite(self.decision.left_share),
@@ -206,6 +207,7 @@ def diagnose(
     seed: int = 0,
     jobs: int = 1,
     progress: bool | None = False,
+    thorough: bool = False,
 ) -> Diagnosis:
     """Learn which physical effect a model lacks, and add it.
 
@@ -240,6 +242,9 @@ def diagnose(
         Candidates fitted at a time; the answer is the same for any number.
     progress : bool or None
         Whether to show on standard error what is being fitted; None does so on a terminal.
+    thorough : bool
+        Whether to try all combinations of effects, however long the simulations of a physical model take.
+        By default a search of which these have taken many steps begins no further stage; the advice says so.
 
     Returns
     -------
@@ -284,7 +289,7 @@ def diagnose(
         def decide(structure: Structure) -> "tuple[Decision, tuple[PortCurve, ...] | None]":
             search = Search(
                 structure, candidates, alpha=alpha, max_effects=max_effects, seed=seed, given=given,
-                jobs=jobs, bars=bars, smooth=count > 1,
+                jobs=jobs, bars=bars, smooth=count > 1, thorough=thorough,
             )  # fmt: skip
             return _against_curves(structure, search.decide())
 

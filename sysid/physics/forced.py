@@ -18,6 +18,8 @@ from sysid.physics.ports import Port, find_port
 
 MOST_STATES = 4
 MOST_SUBSTEPS = 200
+# So many times a step may be coarser for what decays within a sample.
+COARSER = 3.0
 # The law without effects: nineteen coefficients, in the order of `sysid.physics.forced_kernels`.
 LAW_NAMES = (
     "friction_forward",
@@ -200,19 +202,38 @@ class ForcedPlant:
         except (ZeroDivisionError, OverflowError):
             return [np.nan] * (len(self._form.rates) + len(self._form.outputs) + 1)
 
-    def substeps(self, values: Floats, largest: float) -> int:
-        """Return the steps in a sample that keep the fastest rate times the step below ``largest``."""
+    def poles(self, values: Floats) -> NDArray[np.complex128]:
+        """Return the poles of the plant without laws times the sampling period; none where it has none.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n_parameters,)
+        """
         from sysid.physics import forced_kernels as fk
 
         n = self.order
-        plants, _, _ = self.coefficients(values, NO_LAW)
-        fastest = 0.0
-        for row in plants:
-            matrix = row[fk.A : fk.A + 16].reshape(4, 4)[:n, :n]
-            if np.isfinite(matrix).all():
-                fastest = max(fastest, float(np.abs(np.linalg.eigvals(matrix)).max(initial=0.0)))
-        needed = int(np.ceil(fastest * self.period / largest))
-        return min(max(needed, 1), MOST_SUBSTEPS)
+        plants, _, _ = self.coefficients(values[np.newaxis], NO_LAW[np.newaxis])
+        matrix = plants[0, fk.A : fk.A + 16].reshape(4, 4)[:n, :n]
+        if not np.isfinite(matrix).all():
+            return np.zeros(0, dtype=np.complex128)
+        return np.asarray(np.linalg.eigvals(matrix) * self.period, dtype=np.complex128)
+
+    def substeps(self, values: Floats, largest: float) -> tuple[int, float]:
+        """Return the steps in a sample that are fine enough, and the plant's fastest rate in a sample.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n_parameters,)
+        largest : float
+            Largest product of the step and of the rate of a pole that lasts.  One that decays by exp(-d)
+            within a sample leaves so much less of its error, which goes with the fourth power, so that its
+            product may be larger by exp(d / 4), up to `COARSER` times.
+        """
+        poles = self.poles(values)
+        rates = np.abs(poles)
+        factors = np.minimum(np.exp(np.clip(-0.25 * poles.real, 0.0, 1.0 + np.log(COARSER))), COARSER)
+        needed = int(np.ceil((rates / factors).max(initial=0.0) / largest))
+        return min(max(needed, 1), MOST_SUBSTEPS), float(rates.max(initial=0.0))
 
     def run(
         self,

@@ -91,13 +91,14 @@ class GeneralPlant:
         )
         return Simulator(replace(model, outputs=(*model.outputs, *inside)), self.period, searched=())
 
-    def substeps(self, values: Floats, largest: float) -> int:
-        """Return the Runge-Kutta steps in a sample, as the model chooses them itself."""
+    def substeps(self, values: Floats, largest: float) -> tuple[int, float]:
+        """Return the Runge-Kutta steps in a sample, as the model chooses them itself, and so its pace."""
         if self._simulator.linear:
-            return 1
-        named = dict(zip(self.names, values[0].tolist(), strict=True))
+            return 1, largest
+        named = dict(zip(self.names, values.tolist(), strict=True))
         rest = self._simulator.rest()
-        return choose_substeps(self.model, named, self.period, np.zeros((1, self.n_inputs)), rest)
+        steps = choose_substeps(self.model, named, self.period, np.zeros((1, self.n_inputs)), rest)
+        return steps, steps * largest
 
     def run(
         self,
@@ -141,7 +142,7 @@ class GeneralPlant:
         laws[1, LAW_NAMES.index("constant")] = float(np.sqrt(np.mean(force**2)))
         still = np.zeros((force.size, self.n_inputs))
         many = np.tile(values, (2, 1))
-        runs = self.run(many, laws, still, None, self.substeps(many[:1], 1.0), exact=False)
+        runs = self.run(many, laws, still, None, self.substeps(values, 1.0)[0], exact=False)
         return np.asarray(runs[1] - runs[0])
 
 

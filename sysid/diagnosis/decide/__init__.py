@@ -4,5 +4,5 @@
 (``evidence``: its rules and numbers, ``noise_colour``), ``trials`` fits candidates, ``acceptance`` holds
 the evidence against them, ``growth`` adds them one after the other, ``revision`` looks at earlier ones
 again, ``refinement`` tries finer forms, ``verdict`` judges what is left (``modes``: whether a pole rings),
-``ranking`` and ``rungs`` tell how it went.
+``ranking`` and ``rungs`` tell how it went, and an ``allowance`` how far it may go.
 """

@@ -48,7 +48,7 @@ def is_accepted(
         and evidence.own_criterion(trial.fit) < evidence.own_criterion(current)
         and chance_under_own_noise(evidence, trial, current) < evidence.alpha
     )
-    if not agreed or _rests_on_few_rows(evidence, trial, current):
+    if not agreed or rests_on_few_rows(evidence, trial, current):
         return False
     if not _holds(evidence, trial, current):
         # What shows in the first rows alone, as the start of a play does, held-out rows cannot tell.
@@ -106,7 +106,7 @@ def chance_under_own_noise(evidence: Evidence, trial: Trial, current: StructureF
     return _chance(evidence, trial, current, evidence.cost(before, trial.noise), left)
 
 
-def _rests_on_few_rows(evidence: Evidence, trial: Trial, current: StructureFit) -> bool:
+def rests_on_few_rows(evidence: Evidence, trial: Trial, current: StructureFit) -> bool:
     """Tell whether an effect behind a quantiser, or beside one, does no more than move single rows.
 
     Where the output is at the edge of a cell next to nothing moves a row to the other side of it, and one

@@ -72,6 +72,8 @@ class Decision:
         Effects that were asked for whatever the evidence.
     fed_back : bool
         Whether what goes with the input of the same row was put down to a controller, not to the plant.
+    cut_short : bool
+        Whether the search ended before all its stages were tried.
     """
 
     verdict: str
@@ -87,6 +89,7 @@ class Decision:
     rejected: tuple[str, ...] = ()
     given: tuple[str, ...] = ()
     fed_back: bool = False
+    cut_short: bool = False
 
     @property
     def final(self) -> StructureFit:

@@ -13,6 +13,7 @@ from sysid.diagnosis.decide.acceptance import (
     is_better_held_out,
     is_significant,
 )
+from sysid.diagnosis.decide.allowance import allowance_of
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
 from sysid.diagnosis.decide.evidence import ScoreScreen
 from sysid.diagnosis.decide.growth import Grown, Growth
@@ -70,6 +71,8 @@ class Search:
         Shows how many candidates of a round are fitted.
     smooth : bool
         Whether rows of the record stand for several of a slow motion, see `Evidence`.
+    thorough : bool
+        Whether the search goes on to its end however much its fits simulate.
     """
 
     def __init__(
@@ -84,10 +87,11 @@ class Search:
         jobs: int = 1,
         bars: Progress | None = None,
         smooth: bool = False,
+        thorough: bool = False,
     ) -> None:
         self.structure, self.alpha, self.max_effects, self.seed = structure, alpha, max_effects, seed
         self.jobs, self.bars = jobs, Progress() if bars is None else bars
-        self.smooth = smooth
+        self.smooth, self.allowance = smooth, allowance_of(structure, thorough)
         self.names = [effect.name for effect in effects]
         self.given = structure.offered(given)
         already = {effect.name for effect in self.given}
@@ -106,14 +110,21 @@ class Search:
         looks_again = decision.left_p_value < LEFT_P_VALUE and not self.smooth
         if looks_again and isinstance(self.structure, Resampled):
             attempt, decision = self._with_other_course(self.structure, attempt, decision)
-        if decision.verdict != "not-identifiable" and _held_out_rows_show_more(attempt.evidence, decision):
+        if self._looks_at_other_rows(attempt, decision):
             other = self._attempt(*interleaved(record.learning))
             found = other.decided()
             # Where nothing explains, rows that take turns must do more than move what is left.
             named = found.verdict != "unexplained" and not leaves_a_trace(found)
             if decision.verdict != "unexplained" or named:
                 attempt, decision = other, found
-        return with_every_candidate(attempt.settled(decision), self.names, self._memory(attempt, decision))
+        decision = replace(attempt.settled(decision), cut_short=self.allowance.ended)
+        return with_every_candidate(decision, self.names, self._memory(attempt, decision))
+
+    def _looks_at_other_rows(self, attempt: "Attempt", decision: Decision) -> bool:
+        """Tell whether held-out rows show what others do not, and the search may go on to them."""
+        if decision.verdict == "not-identifiable" or not _held_out_rows_show_more(attempt.evidence, decision):
+            return False
+        return decision.verdict != "unexplained" or self.allowance.permits()
 
     def _with_other_course(
         self, structure: "Resampled", attempt: "Attempt", decision: Decision
@@ -131,11 +142,14 @@ class Search:
         if not (after < CLOSER * before).any():  # neither without effects nor with them does it come closer
             return attempt, decision
         structure.held_or_smooth()
+        ended = self.allowance.ended
+        self.allowance.renew()
         other = self._attempt(attempt.evidence.rows, attempt.evidence.held_out)
         found = other.decided()
         if is_better_held_out(attempt.evidence, found.final, decision.final):
             return other, found
         structure.held_or_smooth()
+        self.allowance.ended = ended
         return attempt, decision
 
     def _errors(self, evidence: Evidence, fits: Sequence[StructureFit]) -> Floats:
@@ -150,7 +164,7 @@ class Search:
     def _attempt(self, rows: Mask, held_out: Mask) -> "Attempt":
         """Return the search on these rows."""
         evidence = Evidence(self.structure, rows, held_out, self.alpha, len(self.given), self.smooth)
-        trials = Trials(evidence, self.candidates, self.seed, self.jobs, self.bars)
+        trials = Trials(evidence, self.candidates, self.seed, self.jobs, self.bars, self.allowance)
         given = tuple(effect.name for effect in self.given)
         judge = Judge(evidence, given, NOISE_EFFECT in self.names)
         return Attempt(evidence, trials, Growth(trials, self.given, self.max_effects), judge)
@@ -190,6 +204,8 @@ class Attempt:
         grown = self.growth.grown(baseline, given, len(given))
         decision = self._judged(baseline, grown)
         for trial in self._replacing(decision):
+            if not self.trials.allowance.permits():
+                break
             decision = min(decision, self._from_replaced(decision, given, grown, trial), key=_burden)
         if decision.verdict == "unexplained" and self.growth.max_effects > 1:
             decision = self._otherwise(decision, grown.trials)
@@ -269,7 +285,8 @@ class Attempt:
             if not is_better_held_out(self.evidence, pair, decision.final):
                 continue
             other = self._judged_pair(decision, pair, trials)
-            if other.verdict == "unexplained" and explains_most(other.left_share):
+            close = other.verdict == "unexplained" and explains_most(other.left_share)
+            if close and self.trials.allowance.permits():
                 # The first was fitted without the second: search it again beside it.
                 again = exchanged(self.trials, pair, len(self.growth.given))
                 other = self._judged_pair(decision, again, trials) if again is not pair else other
@@ -296,12 +313,16 @@ class Attempt:
             by_noise = min(fits, key=lambda name: evidence.own_criterion(fits[name]))
             by_error = min(fits, key=lambda name: evidence.cost(fits[name], WHITE_NOISE))
             for name in dict.fromkeys((by_noise, by_error)):
+                if not self.trials.allowance.permits():
+                    return
                 pair = self._best_with(name, [fit for other, fit in fits.items() if other != name])
                 if pair is not None:
                     yield pair
         for trial in trials[1 : 1 + RUNNERS_UP]:
             if trial.fit is None or not is_significant(evidence, trial):
                 continue
+            if not self.trials.allowance.permits():
+                return
             found = self.trials.beside(trial.fit, True, BESIDE_RUNNER_UP)
             if found and found[0].fit is not None and found[0].gain > 0.0:
                 yield found[0].fit

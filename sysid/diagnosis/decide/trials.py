@@ -1,11 +1,12 @@
 """Candidates beside the effects of a model: screened, fitted with growing care, judged."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
 
+from sysid.diagnosis.decide.allowance import Allowance
 from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.evidence import ScoreScreen, score_screen
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE, Noise
@@ -40,6 +41,8 @@ class Trials:
         Candidates fitted at a time, each by a thread of its own; the answer is the same.
     bars : Progress
         Shows how many candidates of a round are fitted.
+    allowance : Allowance, optional
+        How far the search may go; to its end by default.
     """
 
     evidence: Evidence
@@ -47,6 +50,7 @@ class Trials:
     seed: int
     jobs: int
     bars: Progress
+    allowance: Allowance = field(default_factory=Allowance)
 
     def beside(self, current: StructureFit, further: bool, most: int = FURTHER) -> tuple[Trial, ...]:
         """Try every candidate beside the effects of a fit; return them best first."""
@@ -58,6 +62,8 @@ class Trials:
         screen = self.screen(self.evidence.refitted(current, colour), candidates, colour)
         if further and screen.p_value(max(screen.statistics.values())) >= self.evidence.alpha:
             return ()  # the residual holds no structure any more
+        if len(current.choices) > self.evidence.n_given + 1 and not self.allowance.permits():
+            return ()
         ranking = sorted(candidates, key=lambda e: -screen.statistics[e.name])
         # A family whose fits are cheap may ask for more of them than the screen would let through.
         count: int = getattr(self.evidence.structure, "screened", SCREENED)

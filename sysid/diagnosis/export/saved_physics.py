@@ -157,6 +157,6 @@ def saved_physical_model(model: DiagnosedModel) -> SavedPhysicalModel:
     named = dict(zip(plant.names, values.tolist(), strict=True))
     effects = saved_effects(problem.choices, [fit.point[place].tolist() for place in problem.effect_places])
     stepped = plant.always_steps or not problem.exact
-    steps = plant.substeps(values[np.newaxis], COARSE_STEP) if stepped else 1
+    steps = plant.substeps(values, COARSE_STEP)[0] if stepped else 1
     text = model_text(structure.model.with_values(named))
     return SavedPhysicalModel(text, structure.record.period, plant.hold, steps, effects)

@@ -14,13 +14,16 @@ class Budget:
     left : float
     spent : bool
         Whether a search was cut short.
-    most : float
-        Steps in a sample; a plant that asks for more counts as one that diverges.
+    work : int
+        Of all simulations so far, in steps of a run without laws.
+    fastest : float
+        Rate in a sample; a plant that is faster counts as one that diverges.
     """
 
     left: float = np.inf
     spent: bool = False
-    most: float = np.inf
+    work: int = 0
+    fastest: float = np.inf
 
     def evaluations(self, wanted: int, steps: float) -> int:
         """Return how many evaluations of so many steps may be made: what is wanted, or at least two."""

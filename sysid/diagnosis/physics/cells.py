@@ -35,7 +35,9 @@ def within_cells(problem: Problem, end: Minimum[Residual]) -> Minimum[Residual]:
     cells = read_cells(problem, end.x)
     if cells is None:
         return end
-    plain = Problem(problem.setting, problem.choices, problem.rows, WHITE, problem.largest)
+    plain = Problem(
+        problem.setting, problem.choices, problem.rows, WHITE, problem.largest, budget=problem.budget
+    )
     bounds = problem.bounds
 
     def output(x: Floats) -> Floats:
@@ -48,5 +50,5 @@ def within_cells(problem: Problem, end: Minimum[Residual]) -> Minimum[Residual]:
 
     start = end.x.copy()
     start[problem.effect_places[-1].start] = cells.step
-    better = problem.descend(inside_cells(cells, output, slopes, start), 1, 0.0)
-    return better if better.cost < end.cost else end
+    better = problem.descend_if_finite(inside_cells(cells, output, slopes, start), 1, 0.0)
+    return end if better is None or better.cost > end.cost else better

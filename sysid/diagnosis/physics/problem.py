@@ -25,6 +25,8 @@ Met = Callable[[Residual], bool]
 COARSE_STEP = 0.35
 # A value known within some 20 % stays within a factor of exp(3) = 20, whatever the effects do to it.
 FURTHEST = 3.0
+# What a step with laws costs, one with dry friction, a run, and a row of it, in steps of a run without laws.
+LAW_STEP, DRY_STEP, RUN, ROW = 2, 6, 20_000, 25
 # Step of the difference quotients, relative to the size of the unknown: truncation and rounding both
 # stay below 1e-5 of the derivative.
 DIFFERENCE = 1e-6
@@ -84,6 +86,8 @@ class Problem:
         self.own = own_law(self.choices)
         self.exact = not any(choice.effect.port in INNER for choice in self.choices)
         self.held = np.zeros(self.size, dtype=bool)
+        dry = any(choice.effect.dry for choice in self.choices)
+        self._weight = 1 if self.exact else (DRY_STEP if dry else LAW_STEP)
 
     @cached_property
     def run_edges(self) -> NDArray[np.int64]:
@@ -168,10 +172,11 @@ class Problem:
         values[:, setting.places] = setting.to_values(own[:, : self.n_model])
         laws, starts = self._laws(inside), self._starts(own, number)
         driven = self._inputs(u, inside)
-        steps = self._steps(values)
-        if steps > self.budget.most:
+        steps, pace = self._steps(values[0])
+        if pace > self.budget.fastest:
             return np.full((points.shape[0], u.shape[0]), np.nan)
         self.budget.left -= lanes * u.shape[0] * steps
+        self.budget.work += int(lanes * u.shape[0] * steps * self._weight) + RUN + ROW * u.shape[0]
         y = plant.run(values, laws, driven, starts, steps, states, self.exact, self.own)
         return self._outputs(y if which is None else y[which], u[:, 0], effects, rounded)
 
@@ -220,7 +225,7 @@ class Problem:
         driven = self._inputs(u, effects)
         driven = np.tile(driven, (lanes, 1, 1)) if driven.ndim == 2 else driven
         driven[1:, :, 0] += signals
-        steps = self._steps(values)
+        steps, _ = self._steps(values[0])
         starts = self._starts(np.tile(point, (lanes, 1)), number)
         runs = plant.run(values, laws, driven, starts, steps, None, self.exact, self.own)
         y = self._outputs(runs, u[:, 0], effects, False)
@@ -358,16 +363,16 @@ class Problem:
     def steps_at(self, point: Floats) -> float:
         """Return the steps that a residual with its Jacobian takes at a point, or one of another problem."""
         rows = sum(part.stop - part.start for part in self.parts)
-        return float((1 + self.size) * rows * self.steps_in_a_sample(point))
+        return float((1 + self.size) * rows * self._steps(self.setting.values_of(point))[0])
 
-    def steps_in_a_sample(self, point: Floats) -> int:
-        """Return the steps between two rows at a point, or one of another problem."""
-        return self._steps(self.setting.values_of(point)[np.newaxis])
+    def pace_at(self, point: Floats) -> float:
+        """Return the plant's fastest rate in a sample at a point, or one of another problem."""
+        return self._steps(self.setting.values_of(point))[1]
 
-    def _steps(self, values: Floats) -> int:
-        """Return the steps between two rows for the first of some lanes."""
+    def _steps(self, values: Floats) -> tuple[int, float]:
+        """Return the steps between two rows, and the plant's fastest rate in a sample where they tell."""
         plant = self.setting.plant
-        return plant.substeps(values[:1], self.largest) if plant.always_steps or not self.exact else 1
+        return plant.substeps(values, self.largest) if plant.always_steps or not self.exact else (1, 0.0)
 
     def descend_if_finite(
         self, point: Floats, evaluations: int, tolerance: float, met: Met | None = None

@@ -36,9 +36,10 @@ from sysid.diagnosis.physics.search import Tangent, problem_point, refined
 from sysid.diagnosis.physics.setting import Plant, setting_of
 from sysid.diagnosis.physics.starts import wide_starts
 from sysid.diagnosis.physics.steps import enough_steps
-from sysid.diagnosis.structures.memory import Fits
+from sysid.diagnosis.structures.memory import Fits, key_of
 from sysid.diagnosis.structures.sides import with_forms_of
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
+from sysid.diagnosis.structures.work import Work
 from sysid.errors import IdentifiabilityError, ModelError
 from sysid.physics.forced import ForcedPlant
 from sysid.physics.general import GeneralPlant, is_general
@@ -53,9 +54,8 @@ RESTARTS, MORE_RESTARTS, SPREAD, SEED = 4, 16, 0.25, 7
 GAIN_ROWS, SAME_DIRECTION = 1_000, 1e-4
 # Most steps that the simulations of a fit of each effort may take, for so many rows; more for more rows.
 BUDGETS, BUDGET_ROWS = (60e6, 25e6, 80e6), 1_200
-# The same in evaluations at the fit that is started from: a search that takes several times as many as any
-# that ends well follows a plant that gets faster and faster.
-SEARCHED = (np.inf, 600.0, 2000.0)
+# Work of a whole search, in steps of a run without laws, for so many rows to learn from; more for more.
+WORK, WORK_ROWS = 250e6, 1_600
 # Poles beyond the sampling frequency leave no trace of their own in a record: a search does not follow a
 # plant there, unless its start values, known within some 20 %, or the fit that is started from are as fast.
 SAMPLING_RATE, AS_FAST = 2.0 * np.pi, (2.0, 1.0)
@@ -92,6 +92,7 @@ class PhysicsStructure:
         )
         self.model, self.free_start = model, initial_state == "estimate"
         self._hold_chosen = False
+        self.work = Work(WORK * max(float(record.learning.sum()) / WORK_ROWS, 1.0))
         self._use(plant)
 
     def on(self, record: Record) -> "PhysicsStructure":
@@ -177,7 +178,7 @@ class PhysicsStructure:
         return True
 
     def _use(self, plant: Plant) -> None:
-        self.plant, self._fits = plant, Fits()
+        self.plant, self._fits, self._course = plant, Fits(), getattr(self, "_course", 0) + 1
         self.setting = setting_of(self.record, self.model, plant, self.free_start)
 
     def _with_path(self, held: StructureFit, name: str, rows: Mask) -> StructureFit:
@@ -191,7 +192,8 @@ class PhysicsStructure:
         return float(np.sqrt(np.mean(error**2)))
 
     def _baseline(self, rows: Mask) -> StructureFit:
-        problem = self._problem((), rows, WHITE)
+        budget = Budget()
+        problem = self._problem((), rows, WHITE, budget)
         if problem.target.size < 2 * problem.size:
             raise IdentifiabilityError(
                 f"{problem.target.size} rows cannot determine {problem.size} unknowns: at least "
@@ -200,7 +202,7 @@ class PhysicsStructure:
         unknown = any(p.status == "free" for p in self.setting.searched)
         starts = self._wide_starts(rows) if unknown else self._near_starts(RESTARTS)
         small = first_rows_of(rows, SEARCH_ROWS)
-        search = problem if small.sum() == rows.sum() else self._problem((), small, WHITE)
+        search = problem if small.sum() == rows.sum() else self._problem((), small, WHITE, budget)
         ends = descents(search, starts)
         found_again = agree(ends)
         if not found_again:
@@ -215,6 +217,7 @@ class PhysicsStructure:
             best = problem.descend(
                 moved(search, problem, best.x), EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE]
             )
+        self.work.note((self._course, rows.tobytes()), budget.work)
         return self._result(problem, best, found_again)
 
     def _wide_starts(self, rows: Mask) -> list[Floats]:
@@ -240,21 +243,32 @@ class PhysicsStructure:
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: Effort
     ) -> StructureFit:
         """Fit the model with these effects, from a fit with fewer (or other, or the same) effects."""
-        return self._fits.fitted(self._fit, choices, rows, noise, start, effort)
+        return self._fits.fitted(self._counted, choices, rows, noise, start, effort)
+
+    def _counted(
+        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: Effort
+    ) -> StructureFit:
+        budget = Budget(BUDGETS[effort] * max(float(rows.sum()) / BUDGET_ROWS, 1.0))
+        fit = self._fit(choices, rows, noise, start, effort, budget)
+        self.work.note((self._course, key_of(choices, rows, noise, start, effort)), budget.work)
+        return fit
 
     def _fit(
-        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: Effort
+        self,
+        choices: Sequence[Choice],
+        rows: Mask,
+        noise: Floats,
+        start: StructureFit,
+        effort: Effort,
+        budget: Budget,
     ) -> StructureFit:
         if effort is Effort.REFIT:
             places = self._problem(start.choices, start.rows, WHITE).effect_places
             start = with_forms_of(choices, start, places)
         kept = [choice for choice in choices if choice in start.choices]
         new = [i for i, choice in enumerate(choices) if choice not in start.choices]
-        budget = Budget(BUDGETS[effort] * max(float(rows.sum()) / BUDGET_ROWS, 1.0))
         problem = self._problem(choices, rows, noise, budget)
-        if new:
-            budget.left = min(budget.left, SEARCHED[effort] * problem.steps_at(start.point))
-            budget.most = _most_steps(problem, start.point)
+        budget.fastest = _fastest(problem, start.point)
         before = self._problem(kept, rows, noise, budget)
         known = self._carried(before, start)
         if effort is Effort.REFIT or not new:
@@ -343,8 +357,11 @@ class PhysicsStructure:
         largest = enough_steps(problem, point)
         if largest == COARSE_STEP and point is fit.point:
             return fit
-        problem = self._problem(fit.choices, fit.rows, noise, largest=largest)
+        budget = Budget()
+        problem = self._problem(fit.choices, fit.rows, noise, budget, largest)
         end = problem.descend_if_finite(point, EVALUATIONS[Effort.REFIT], TOLERANCES[Effort.REFIT])
+        key = (self._course, "fine", key_of(fit.choices, fit.rows, noise, fit, Effort.REFIT))
+        self.work.note(key, budget.work)
         return fit if end is None else self._result(problem, within_cells(problem, end), fit.restarts_agree)
 
     def tangent(self, fit: StructureFit) -> Floats:
@@ -382,11 +399,10 @@ def _diverged(choices: Sequence[Choice], start: StructureFit) -> StructureFit:
     return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status=DIVERGES)
 
 
-def _most_steps(problem: Problem, start: Floats) -> float:
-    """Return the most steps between two rows that a search from a fit goes on with."""
+def _fastest(problem: Problem, start: Floats) -> float:
+    """Return the fastest rate in a sample that a search from a fit follows a plant to."""
     points = (problem.setting.nominal, start)
-    known = (factor * problem.steps_in_a_sample(point) for factor, point in zip(AS_FAST, points, strict=True))
-    return float(np.ceil(max(SAMPLING_RATE / problem.largest, *known)))
+    return max(SAMPLING_RATE, *(f * problem.pace_at(x) for f, x in zip(AS_FAST, points, strict=True)))
 
 
 def first_rows_of(rows: Mask, count: int) -> Mask:

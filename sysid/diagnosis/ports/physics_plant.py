@@ -115,6 +115,10 @@ class PhysicsPlant:
         The force is that of the state half a sample ahead, as the plant without it would be: held
         from the state at the sample it would lag by half a sample and take damping away.
         """
+        with np.errstate(over="ignore"):
+            chain = np.where(self.positive, np.exp(np.where(self.positive, parameters, 0.0)), 1.0)
+        if not np.isfinite(chain).all():  # a parameter that ran off beyond all numbers
+            return None
         d = self._discrete(parameters, 1.0)
         if not (np.isfinite(d.A).all() and np.isfinite(d.A_slopes).all()):
             return None
@@ -128,7 +132,6 @@ class PhysicsPlant:
             first = (n_inputs + 1) * PIECES
             kept = [*range(n_inputs * PIECES), *range(first, first + n_inputs), first + n_inputs + 1]
             held, read = [*range(force * PIECES, (force + 1) * PIECES)], first + force
-        chain = np.where(self.positive, np.exp(np.where(self.positive, parameters, 0.0)), 1.0)
         half = self._discrete(parameters, 0.5)
         H, dH = half.A[port.state].copy(), half.A_slopes[:, port.state] * chain[:, np.newaxis]
         K, dK = half.B[port.state, kept], half.B_slopes[:, port.state][:, kept] * chain[:, np.newaxis]

@@ -1,0 +1,42 @@
+"""Whether a search may go on to a further stage: those that rarely find more come last."""
+
+from dataclasses import dataclass, field
+
+from sysid.diagnosis.structures.structure import Structure
+from sysid.diagnosis.structures.work import Work, Working
+
+
+@dataclass
+class Allowance:
+    """How far a search may go.
+
+    The first effects and a second one beside each are always searched, by all candidates.  What follows is
+    long where a model lacks what no candidate is, for then all of it is tried in vain.
+
+    Attributes
+    ----------
+    work : Work, optional
+        Of the structure; without it a search goes on to its end.
+    ended : bool
+        Whether something was left out.
+    """
+
+    work: Work | None = None
+    ended: bool = field(default=False, init=False)
+    _begun: int = field(default=0, init=False)
+
+    def permits(self) -> bool:
+        """Tell whether a further stage may begin; remember if one may not."""
+        permitted = self.work is None or self.work.done - self._begun < self.work.given
+        self.ended |= not permitted
+        return permitted
+
+    def renew(self) -> None:
+        """Begin to count anew: the search starts again on other premises, that are closer to the record."""
+        self._begun = 0 if self.work is None else self.work.done
+        self.ended = False
+
+
+def allowance_of(structure: Structure, thorough: bool) -> Allowance:
+    """Return how far a search with a structure may go: to its end if it shall be thorough."""
+    return Allowance(structure.work if isinstance(structure, Working) and not thorough else None)

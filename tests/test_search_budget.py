@@ -1,0 +1,156 @@
+"""The work that a search is given: counted, told, and the same for any number of jobs."""
+
+import json
+
+import numpy as np
+import pytest
+
+import sysid
+from sysid.cli import main
+from sysid.data import make_record
+from sysid.diagnosis.decide.allowance import Allowance, allowance_of
+from sysid.diagnosis.physics import structure as physics_structure
+from sysid.diagnosis.physics.structure import PhysicsStructure
+from sysid.diagnosis.ports.physics_plant import PhysicsPlant
+from sysid.diagnosis.structures.structure import WHITE, Effort
+from sysid.diagnosis.structures.work import Work
+from sysid.physics import fit_physics, load_model
+from sysid.physics.forced import COARSER, ForcedPlant
+
+FEW = ["quad_drag", "in_delay", "out_offset", "out_drift", "cubic_stiffness"]
+START = {"m": 1.1, "c": 0.45, "k": 2.2}
+
+
+def limited(n=600):
+    """A body on a spring, stepped apart from the library, behind a limit that is no candidate."""
+    rng = np.random.default_rng(4)
+    u = np.repeat(rng.uniform(-2.0, 2.0, n // 4), 4)
+    x = v = 0.0
+    y = np.zeros(n)
+    for k in range(n):
+        y[k] = x
+        for _ in range(40):
+            v += 0.005 * (np.clip(u[k], -0.9, 0.6) - 0.5 * v - 2.0 * x)
+            x += 0.005 * v
+    y += 0.01 * np.std(y) * rng.standard_normal(n)
+    return u, y, np.repeat(["est", "val", "test"], [n // 2, n // 4, n // 4])
+
+
+def record():
+    u, y, split = limited()
+    return make_record(u, y, period=0.2, split=split)
+
+
+def found(**keywords):
+    return sysid.diagnose(record(), "mass-spring-damper", start=START, effects=FEW, **keywords)
+
+
+def without_times(diagnosis):
+    """What must not depend on the number of jobs."""
+    content = diagnosis.to_json()
+    return json.dumps({key: value for key, value in content.items() if key != "seconds"}, sort_keys=True)
+
+
+def test_a_spent_search_decides_says_so_and_is_the_same_for_any_number_of_jobs(monkeypatch):
+    monkeypatch.setattr(physics_structure, "WORK", 1.0)
+    short = found()
+    assert short.verdict == "unexplained"
+    assert short.decision.cut_short
+    assert short.to_json()["search"] == {"complete": False}
+    assert "--thorough" in short.advice
+    assert short.advice in short.sentences()
+    assert all(trial.fit is not None or trial.name == "coloured_noise" for trial in short.decision.trials)
+    both = found(jobs=2)
+    assert without_times(both) == without_times(short)
+    assert both.structure.work.done == short.structure.work.done > 0
+    whole = found(thorough=True)
+    assert whole.to_json()["search"] == {"complete": True}
+    assert "--thorough" not in whole.advice
+    assert whole.structure.work.done > short.structure.work.done
+
+
+def test_the_command_goes_on_to_the_end_where_it_is_asked(monkeypatch, tmp_path):
+    monkeypatch.setattr(physics_structure, "WORK", 1.0)
+    u, y, split = limited()
+    data, out = tmp_path / "record.csv", tmp_path / "found.json"
+    rows = (f"{a},{b},{c}" for a, b, c in zip(u.tolist(), y.tolist(), split.tolist(), strict=True))
+    data.write_text("\n".join(["u,y,set", *rows]) + "\n")
+    options = [f"--param={name}={value}" for name, value in START.items()]
+    command = [
+        "diagnose", str(data), "--input", "u", "--output", "y", "--period", "0.2", "--split-column", "set",
+        "--model", "mass-spring-damper", "--effects", "quad_drag,out_offset", "--json", str(out), *options,
+    ]  # fmt: skip
+    for extra, complete in (([], False), (["--thorough"], True)):
+        assert main(command + extra) == 0
+        assert json.loads(out.read_text())["search"]["complete"] is complete
+
+
+def test_a_short_search_is_complete():
+    structure = PhysicsStructure(record(), load_model("mass-spring-damper").with_parameters(START, {}))
+    assert structure.work.given == physics_structure.WORK
+    allowance = allowance_of(structure, thorough=False)
+    assert allowance.permits()
+    assert not allowance.ended
+
+
+def test_an_allowance_ends_remembers_and_begins_anew():
+    work = Work(10.0)
+    allowance = Allowance(work)
+    work.note("first", 9)
+    assert allowance.permits()
+    work.note("second", 1)
+    assert not allowance.permits()
+    assert allowance.ended
+    allowance.renew()
+    assert allowance.permits()
+    assert not allowance.ended
+    assert Allowance().permits()
+
+
+def test_a_fit_that_was_forgotten_counts_once():
+    structure = PhysicsStructure(record(), load_model("mass-spring-damper").with_parameters(START, {}))
+    rows = structure.record.estimation
+    base = structure.baseline(rows)
+    before = structure.work.done
+    structure.fit((), rows, WHITE, base, effort=Effort.REFIT)
+    after = structure.work.done
+    structure._fits._made.clear()
+    structure.fit((), rows, WHITE, base, effort=Effort.REFIT)
+    assert before < after == structure.work.done
+
+
+@pytest.mark.parametrize("damping", [0.2, 3.0, 40.0])
+def test_coarser_steps_for_what_decays_within_a_sample_keep_the_error(damping):
+    # A run without laws is exact: what Runge-Kutta steps do wrong is seen beside it.  With products of rate
+    # and step up to 0.35 the error of a mode is 0.35^4 / 120 = 1.3e-4 of it a radian, and it lasts for as
+    # many radians as its quality tells.
+    plant = ForcedPlant(load_model("mass-spring-damper"), 0.2)
+    values = np.array([1.0, damping, 25.0])
+    steps, fastest = plant.substeps(values, 0.35)
+    poles = np.roots([1.0, damping, 25.0]) * 0.2
+    assert fastest == pytest.approx(np.abs(poles).max(), rel=1e-9)
+    assert steps == max(
+        np.ceil(np.max(np.abs(p) / min(np.exp(max(-p.real, 0.0) / 4), COARSER)) / 0.35) for p in poles
+    )
+    u = np.repeat(np.random.default_rng(0).uniform(-1.0, 1.0, 100), 5)
+    nothing = physics_law(drag=0.0)
+    exact = plant.run(values[np.newaxis], nothing, u)[0]
+    stepped = plant.run(values[np.newaxis], nothing, u, substeps=steps, exact=False)[0]
+    assert np.linalg.norm(stepped - exact) < 1.3e-4 * max(5.0 / damping, 1.0) * np.linalg.norm(exact)
+
+
+def physics_law(**coefficients):
+    from sysid.physics.forced import law
+
+    return law(**coefficients)[np.newaxis]
+
+
+def test_a_parameter_beyond_all_numbers_leaves_a_port_without_matrices():
+    # Warnings are errors: a search that runs off must not show any.
+    fit = fit_physics(record(), load_model("mass-spring-damper").with_parameters(START, {}))
+    plant = PhysicsPlant(fit)
+    port = plant.ports(record(), ("input",))[0]
+    beyond = plant.start.copy()
+    beyond[0] = 800.0
+    assert plant.matrices(plant.start, port) is not None
+    assert plant.matrices(beyond, port) is None
