@@ -8,10 +8,10 @@ from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.physics.problem import COARSE_STEP, Problem
 from sysid.diagnosis.physics.structure import PhysicsStructure
 from sysid.diagnosis.structures.structure import Choice
-from sysid.physics import load_model
+from sysid.physics import forced_kernels, load_model
 from sysid.physics.forced import ForcedPlant, law
-from sysid.physics.forced_kernels import forced_runs
 from sysid.physics.forced_lanes import lane_runs
+from sysid.physics.own_laws import NO_OWN_LAW, kernel_of
 
 LANES, SUBSTEPS, PERIOD = 8, 3, 0.15
 LAWS = {
@@ -19,6 +19,11 @@ LAWS = {
     "dry friction": law(friction_forward=0.3, friction_back=0.3),
     "gain": law(gain=0.3, gain_scale=0.5),
 }
+
+
+def forced_runs(*arguments):
+    """Run one after another, without a law of the user's own."""
+    forced_kernels.forced_runs(*arguments, kernel_of(NO_OWN_LAW))
 
 
 @pytest.mark.parametrize("runs", [forced_runs, lane_runs], ids=["one by one", "side by side"])

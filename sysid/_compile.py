@@ -1,7 +1,7 @@
 """One place that decides how numerical kernels are compiled."""
 
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numba
 
@@ -18,6 +18,33 @@ def compiled(function: Kernel) -> Kernel:
         return cast(Kernel, numba.njit(cache=True, nogil=True)(function))
     except RuntimeError:
         return cast(Kernel, numba.njit(nogil=True)(function))
+
+
+def pointer(kernel: object, kind: Any, address: int) -> Any:
+    """Return a compiled function as kernels take it: by its address, with its type looked up once.
+
+    Parameters
+    ----------
+    kernel : object
+        What has to stay alive.
+    kind : numba signature
+    address : int
+    """
+
+    class Pointer:
+        """The address of a compiled function, which it keeps alive."""
+
+        function = kernel
+        # numba reads its type here; it would build the type anew in every call otherwise.
+        _numba_type_ = numba.types.FunctionType(kind)
+
+        def __wrapper_address__(self) -> int:
+            return address
+
+        def signature(self) -> Any:
+            return kind
+
+    return Pointer()
 
 
 def called_by_kernels(signature: str) -> Callable[[Kernel], Kernel]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from sysid.data import make_record
 from sysid.diagnosis.diagnose import structure_of
@@ -44,6 +45,20 @@ def test_the_step_has_the_scatter_that_it_states():
     assert abs(np.mean(scores)) < 0.25
 
 
+def test_the_step_has_the_scatter_that_it_states_under_noise_with_a_memory():
+    rng = np.random.default_rng(9)
+    slow = np.repeat(rng.uniform(-3.0, 3.0, 60), 30)
+    scores, white = [], []
+    for _ in range(200):
+        noise = lfilter([0.05], [1.0, -0.9], rng.standard_normal(slow.size + 200))[200:]
+        cells = cells_of(0.8 * np.round(slow / 0.8) + noise, 0.79)
+        scores.append((cells.step - 0.8) / cells.step_error)
+        white.append((cells.step - 0.8) * np.linalg.norm(cells.counts) / cells.noise)
+    # The standard deviation of 200 scores has an error of 5 %, that of 30 sums of 13 %.
+    assert np.std(scores) == pytest.approx(1.0, abs=0.25)
+    assert np.std(white) > 2.0
+
+
 @pytest.mark.parametrize("step", [0.0, -1.0, 100.0])
 def test_readings_without_steps_tell_no_cells(step):
     y = np.random.default_rng(7).standard_normal(100)
@@ -78,7 +93,7 @@ def test_the_output_behind_a_quantiser_is_found_for_a_difference_equation_and_a_
 
 
 def test_cells_far_away_are_missed_by_a_finite_logarithm():
-    cells = Cells(1.0, np.array([0.0, 500.0, -500.0]), 0.1)
+    cells = Cells(1.0, np.array([0.0, 500.0, -500.0]), 0.1, 0.0)
     X = np.array([[0.0], [1.0], [-1.0]])
     found = inside_cells(cells, lambda x: X @ x, lambda x: X, np.array([0.0]))
     assert found[0] == pytest.approx(500.0, abs=0.5)

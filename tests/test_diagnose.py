@@ -16,6 +16,7 @@ from sysid.diagnosis.decide.procedure import Search
 from sysid.diagnosis.decide.residual_evidence import interleaved
 from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.export.saved import SavedModel, load, save, saved_model
+from sysid.diagnosis.export.saved_effects import SavedEffect
 from sysid.diagnosis.linear.structure import LinearStructure
 from sysid.diagnosis.structures.structure import Effort, Structure
 from sysid.errors import DataError, UsageError
@@ -438,9 +439,9 @@ def test_a_saved_model_simulates_alike_everywhere(tmp_path, effects):
 
 def test_a_saved_model_with_a_direct_path_inside_simulates_alike_everywhere(tmp_path):
     effects = (
-        ("feedthrough", "inside", {"d": 0.4}),
-        ("cubic_stiffness", "cubic", {"k3": 0.5}),
-        ("quad_drag", "drag", {"c": 0.3}),
+        SavedEffect("feedthrough", "inside", {"d": 0.4}),
+        SavedEffect("cubic_stiffness", "cubic", {"k3": 0.5}),
+        SavedEffect("quad_drag", "drag", {"c": 0.3}),
     )
     saved = SavedModel((-1.4, 0.6), (0.3, -0.1), 0.02, 0.1, effects)
     u = np.random.default_rng(0).uniform(-1.0, 1.0, 400)
@@ -457,7 +458,10 @@ def test_a_direct_path_that_forces_pass_is_found_where_one_beside_leaves_somethi
     u = np.repeat(rng.uniform(-1.0, 1.0, 400), 2)
     truth = SavedModel(
         (-1.4, 0.8), (0.2, 0.1), 0.0, 0.1,
-        (("feedthrough", "inside", {"d": 0.3}), ("cubic_stiffness", "cubic", {"k3": 0.4})),
+        (
+            SavedEffect("feedthrough", "inside", {"d": 0.3}),
+            SavedEffect("cubic_stiffness", "cubic", {"k3": 0.4}),
+        ),
     )  # fmt: skip
     y = truth.simulate(u) + 1e-3 * rng.standard_normal(u.size)
     found = sysid.diagnose(

@@ -7,6 +7,7 @@ from sysid.data import make_record
 from sysid.diagnosis.diagnose import structure_of
 from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.export.saved import load, save, saved_model
+from sysid.diagnosis.export.saved_effects import SavedEffect
 from sysid.diagnosis.export.saved_physics import SavedPhysicalModel
 from sysid.diagnosis.ladder import DiagnosedModel
 from sysid.diagnosis.structures.structure import Choice, Effort
@@ -31,7 +32,7 @@ def by_hand(name, effects=None):
         form = known.form(form) if form in [f.name for f in known.forms] else known.forms[0]
         names = [p.name for p in form.parameters]
         names += ["level"] if len(values) > len(names) else []
-        found.append((effect, form.name, dict(zip(names, values, strict=True))))
+        found.append(SavedEffect(effect, form.name, dict(zip(names, values, strict=True))))
     return SavedPhysicalModel(model_text(load_model(name)), 0.1, "zero", 2, tuple(found))
 
 

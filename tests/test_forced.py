@@ -6,11 +6,12 @@ from forced_reference import stick_slip
 from scipy.integrate import solve_ivp
 
 from sysid.errors import ModelError
-from sysid.physics import Simulator, load_model
+from sysid.physics import Simulator, forced_kernels, load_model
 from sysid.physics.forced import NO_LAW, ForcedPlant, law
-from sysid.physics.forced_kernels import forced_runs
 from sysid.physics.forced_lanes import lane_runs
 from sysid.physics.forced_steps import falling, hyperbolic_tangent, sine
+from sysid.physics.general import GeneralPlant
+from sysid.physics.own_laws import NO_OWN_LAW, OwnLaw, kernel_of
 from sysid.physics.ports import Port, find_port
 
 MSD = {"m": 1.3, "c": 0.4, "k": 5.0}
@@ -233,6 +234,11 @@ def test_ports_follow_from_the_equations():
     assert find_port(load_model("oscillator")) == Port(1, 0)
 
 
+def forced_runs(*arguments):
+    """Run one after another, without a law of the user's own."""
+    forced_kernels.forced_runs(*arguments, kernel_of(NO_OWN_LAW))
+
+
 LAWS = {
     "smooth": law(cubic=0.1, drag=0.5, constant=0.2),
     "dry": law(friction_forward=0.5, friction_back=0.3),
@@ -306,3 +312,60 @@ def test_curves_without_calls_are_those_of_the_library() -> None:
     np.testing.assert_allclose([sine(v) for v in x], np.sin(x), rtol=0, atol=2e-13)
     np.testing.assert_allclose([hyperbolic_tangent(v) for v in x], np.tanh(x), rtol=0, atol=2e-14)
     np.testing.assert_allclose([falling(abs(v)) for v in x], np.exp(-np.abs(x)), rtol=2e-14, atol=1e-17)
+
+
+@pytest.mark.parametrize(
+    ("term", "coefficients", "values"),
+    [
+        (("force", "c*v*abs(v)", ("c",)), {"drag": 0.7}, [0.7]),
+        (("force", "c*x**3", ("c",)), {"cubic": 0.8}, [0.8]),
+        (("force", "c*sin(x/s)", ("c", "s")), {"gravity": 2.0, "wave_number": 2.5}, [2.0, 0.4]),
+        (("gain", "1 + g*tanh(y/s)", ("g", "s")), {"gain": 0.4, "gain_scale": 0.3}, [0.4, 0.3]),
+    ],
+)
+@pytest.mark.parametrize("friction", [0.0, 0.6])
+@pytest.mark.parametrize("name", ["mass-spring-damper", "two-mass", "dc-motor"])
+def test_a_law_of_ones_own_runs_as_the_same_law_of_the_catalogue(name, friction, term, coefficients, values):
+    """Beside dry friction, too, whose events it moves; what differs is rounding."""
+    plant, u = ForcedPlant(load_model(name), 0.05), levels(60, 8, size=3.0)
+    start = np.array([[parameter.start for parameter in plant.model.parameters]] * 2)
+    dry = {"friction_forward": friction, "friction_back": 0.5 * friction}
+    known = np.array([law(**dry, **coefficients)] * 2)
+    own = np.array([[*law(**dry), *values]] * 2)
+    expected = plant.run(start, known, u, substeps=4, exact=False)
+    found = plant.run(start, own, u, substeps=4, own=OwnLaw((term,)))
+    assert np.isfinite(expected).all()
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+
+
+def test_several_laws_of_ones_own_agree_with_scipy():
+    """The parameters of one law follow those of the other; the step leaves 2e-7 of its fourth order."""
+    own = OwnLaw((("force", "c*v**3", ("c",)), ("gain", "1 + g*y", ("g",)), ("force", "k*x**5", ("k",))))
+    plant, u, T = ForcedPlant(load_model("mass-spring-damper"), 0.05), levels(30, 8), 0.05
+    values = np.array([[MSD[p.name] for p in plant.model.parameters]])
+    y = plant.run(values, np.array([[*NO_LAW, 0.3, 0.2, 0.9]]), u, substeps=16, own=own)[0]
+    z, expected = np.zeros(2), []
+    for value in u:
+        expected.append(z[0])
+
+        def rate(t, z, value=value):
+            force = value * (1.0 + 0.2 * z[0]) - 0.3 * z[1] ** 3 - 0.9 * z[0] ** 5
+            return [z[1], (force - MSD["c"] * z[1] - MSD["k"] * z[0]) / MSD["m"]]
+
+        z = solve_ivp(rate, (0.0, T), z, rtol=1e-11, atol=1e-12).y[:, -1]
+    np.testing.assert_allclose(y, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+
+
+def test_a_law_of_ones_own_in_a_model_that_is_not_linear():
+    """The oscillator's own cubic spring, and the same spring as a force of one's own."""
+    model, u = load_model("oscillator"), levels(60, 8)
+    known = np.array([[1.0, 0.2, 1.0, 0.5]])
+    names = [parameter.name for parameter in model.parameters]
+    stiff = model.with_parameters(start=dict(zip(names, known[0].tolist(), strict=True)))
+    plant = GeneralPlant(stiff, 0.1)
+    softer = known.copy()
+    softer[0, names.index("cubic")] = 0.2
+    own = OwnLaw((("force", "k*x**3", ("k",)),))
+    expected = plant.run(known, NO_LAW[np.newaxis], u, substeps=8, exact=False)
+    found = plant.run(softer, np.array([[*NO_LAW, 0.3]]), u, substeps=8, exact=False, own=own)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)

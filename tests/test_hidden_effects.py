@@ -3,7 +3,8 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.hidden_effects.intervals import true_values
+from benchmarks.hidden_effects.__main__ import main
+from benchmarks.hidden_effects.intervals import plant_values, true_values
 from benchmarks.hidden_effects.outcome import write_case
 from benchmarks.hidden_effects.plan import FAMILIES, KINDS, TIERS, assign
 from benchmarks.hidden_effects.refit import rms, true_structure
@@ -149,6 +150,17 @@ def test_true_values_bear_the_names_and_units_of_the_answer():
     assert true_values("time_variation", ramp, 0.1, ["rate"]) == {"rate": 0.05}
 
 
+def test_true_values_of_a_plant_leave_out_what_only_its_product_with_a_level_shows():
+    kinds = {
+        name: assign(5, 1, family="difference-equation", effect=name).case
+        for name in ("in_saturation", "in_relay", "out_rectify")
+    }
+    known = {name: set(plant_values(case)) for name, case in kinds.items()}
+    order = kinds["in_saturation"].plant.order
+    assert len(known["in_saturation"]) == 2 * order
+    assert all(not any(key.startswith("b") for key in known[name]) for name in ("in_relay", "out_rectify"))
+
+
 def test_the_same_seed_and_number_give_the_same_case_and_its_command(tmp_path):
     for part in ("a", "b"):
         write_case(assign(4, 2), tmp_path / part)
@@ -160,6 +172,15 @@ def test_the_same_seed_and_number_give_the_same_case_and_its_command(tmp_path):
     assert rows[0] == "k,u,y,set"
     assert len(rows) == 2401
     assert rows[-1].endswith(",,test")
+
+
+def test_options_before_an_action_count_for_it(tmp_path, monkeypatch):
+    chosen = ["--seed", "4", "--kind", "null", "--cases", "1"]
+    for folder, words in (("a", [*chosen, "draw"]), ("b", ["draw", *chosen])):
+        monkeypatch.setattr("sys.argv", ["hidden_effects", "--out", str(tmp_path / folder), *words])
+        assert main() == 0
+        truth = tmp_path / folder / "cases" / "normal-00004-0000" / "truth.json"
+        assert json.loads(truth.read_text())["kind"] == "null"
 
 
 def test_kinds_hide_what_they_say():

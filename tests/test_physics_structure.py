@@ -12,6 +12,7 @@ from sysid.diagnosis.effects import catalogue, find_effects
 from sysid.diagnosis.physics import structure as physics_structure
 from sysid.diagnosis.physics.free_run import runs
 from sysid.diagnosis.physics.hold import band_limited
+from sysid.diagnosis.physics.parameters import slopes_of_both_sides
 from sysid.diagnosis.physics.problem import Problem, problem_of
 from sysid.diagnosis.physics.search import shape_values
 from sysid.diagnosis.physics.structure import PhysicsStructure
@@ -65,6 +66,66 @@ def test_steps_become_as_fine_as_the_noise_asks():
     noisy = structure("mass-spring-damper", "quad_drag", {"drag": 0.5}, seed=3, snr=20.0)[0]
     loose = noisy.fit([drag], rows, WHITE, noisy.baseline(rows), effort=Effort.COARSE)
     assert noisy.with_fine_steps(loose, WHITE) is loose
+
+
+def test_of_models_with_the_same_output_the_one_near_the_start_values_is_taken():
+    # Tanks whose outflows change places, and the gain with them, have the same response.
+    model, _ = structure("two-tanks", "", {}, seed=5)
+    rows = model.record.learning
+    start, truth = model.setting.nominal, PLANTS["two-tanks"][0]
+    found = model.baseline(rows)
+    swapped = replace(found, point=found.point + [1.0, -1.0, -1.0] * np.diff(found.point[:2]))
+    swapped = model.fit((), rows, WHITE, swapped, effort=Effort.REFIT)
+    assert swapped.cost == pytest.approx(found.cost, rel=1e-6)
+    ahead = np.sign(start[0] - start[1])
+    for fit in (found, model.with_fine_steps(swapped, WHITE)):
+        assert np.sign(fit.point[0] - fit.point[1]) == ahead
+    other = load_model("two-tanks").with_parameters(
+        start={"a1": 0.7 * truth["a2"], "a2": 1.4 * truth["a1"], "b": 1.4 * truth["b"]}
+    )
+    point = PhysicsStructure(model.record, other, "rest").baseline(rows).point
+    assert point[0] < point[1]
+
+
+def test_what_counts_only_relative_to_the_level_of_a_relay_has_no_interval():
+    # All of mass, damping and stiffness scale with the force when it is on; their ratios are known.
+    hidden = {"level": 1.4, "threshold": 0.5}
+    relay = choice("in_relay")
+    model, _ = structure("mass-spring-damper", "in_relay", hidden, seed=2)
+    rows = model.record.learning
+    fit = model.fit([relay], rows, WHITE, model.baseline(rows), effort=Effort.COARSE)
+    finished = model.finish(fit, WHITE)
+    assert all(np.isinf(p.std_error) for p in finished.parameters if not p.owner)
+    # Beside a known mass the level is a parameter of its own.
+    free = load_model("mass-spring-damper").with_parameters(start={"c": 0.8, "k": 4.0}, fixed={"m": 1.0})
+    model = PhysicsStructure(model.record, free, "rest")
+    (offered,) = model.offered([relay.effect])
+    fit = model.fit(
+        [Choice(offered, offered.forms[0])], rows, WHITE, model.baseline(rows), effort=Effort.FINE
+    )
+    assert all(np.isfinite(p.std_error) for p in model.finish(fit, WHITE).parameters if p.name != "threshold")
+
+
+def test_errors_at_a_kink_hold_unknowns_that_move_together():
+    # The highest level is the limit: slopes that are taken to one side disagree about the tanks' outflows.
+    model, _ = structure("two-tanks", "overflow", {"rim": 1.2}, seed=1)
+    rows = model.record.learning
+    fit = model.fit([choice("overflow")], rows, WHITE, model.baseline(rows), effort=Effort.FINE)
+    problem = problem_of(model.setting, fit)
+    peak, low, high = fit.point.copy(), 0.5 * fit.point[-1], 10.0 * fit.point[-1]
+    peak[-1] = high
+    free = problem.residual(peak)
+    for _ in range(60):
+        peak[-1] = 0.5 * (low + high)
+        reached = np.any(problem.residual(peak) != free)
+        low, high = (peak[-1], high) if reached else (low, peak[-1])
+    J = slopes_of_both_sides(problem, peak)
+    # Moves in which the highest level and the limit rise alike, and any other to both sides.
+    for d in np.random.default_rng(0).standard_normal((5, peak.size)) * np.array([1.0, 1.0, 1.0, peak[-1]]):
+        h = 1e-4
+        moved = [problem.residual(peak + side * h * d) for side in (1.0, -1.0)]
+        direct = (moved[0] - moved[1]) / (2 * h)
+        assert np.linalg.norm(J @ d - direct) < 1e-3 * np.linalg.norm(direct)
 
 
 CASES = [

@@ -10,6 +10,8 @@ from benchmarks.hidden_effects.study import Study, outcomes, scores_table
 from benchmarks.hidden_effects.summary import summarise
 from sysid.errors import SysidError
 
+DEFAULTS = {"cases": 60, "seed": 0, "jobs": 1, "out": Path("hidden-effects")}
+
 
 def main() -> int:
     """Run the bench, write the cases alone, or build the report of a finished run."""
@@ -23,10 +25,13 @@ def main() -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.hidden_effects", description=__doc__)
-    parser.set_defaults(action=_run)
+    parser.set_defaults(action=_run, **DEFAULTS)
     _add_study(parser)
     commands = parser.add_subparsers(metavar="ACTION")
-    draw = commands.add_parser("draw", help="write the cases without diagnosing them")
+    # Without defaults of its own it leaves the options that stand before its name as they are.
+    draw = commands.add_parser(
+        "draw", help="write the cases without diagnosing them", argument_default=argparse.SUPPRESS
+    )
     _add_study(draw)
     draw.set_defaults(action=_draw)
     report = commands.add_parser("report", help="build report.html and report.pdf of a finished run")
@@ -36,8 +41,8 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_study(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--cases", type=int, default=60, metavar="N", help="cases of each tier")
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="below 10000: to develop on")
+    parser.add_argument("--cases", type=int, metavar="N", help="cases of each tier")
+    parser.add_argument("--seed", type=int, metavar="S", help="below 10000: to develop on")
     parser.add_argument(
         "--tier", action="append", choices=list(TIERS), help="default: normal; may be repeated"
     )
@@ -45,9 +50,9 @@ def _add_study(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--kind", choices=list(KINDS))
     parser.add_argument("--effect", metavar="NAME", help="hide this effect in every case")
     parser.add_argument("--full", action="store_true", help="ask about the whole catalogue")
-    parser.add_argument("--jobs", type=int, default=1, metavar="J")
+    parser.add_argument("--jobs", type=int, metavar="J")
     parser.add_argument("--resume", action="store_true", help="keep the outcomes that are there")
-    parser.add_argument("--out", type=Path, default=Path("hidden-effects"), metavar="DIR")
+    parser.add_argument("--out", type=Path, metavar="DIR")
 
 
 def _studies(arguments: argparse.Namespace) -> list[Study]:

@@ -205,15 +205,20 @@ def p_values(results: Results) -> Display:
 
 def intervals(results: Results) -> Display:
     """Show how often the 95 % intervals hold the true parameter."""
-    rows = [
-        [tier, _percent(f["intervals"]["share"]), _interval(f["intervals"]), f["intervals"]["n"]]
-        for tier, f in _tiers(results).items()
-    ]
+    rows = []
+    for tier, figures in _tiers(results).items():
+        parts = {"effects": figures["intervals"], **figures["plant_intervals"]}
+        rows += [
+            [tier, part, _percent(found["share"]), _interval(found), found["n"]]
+            for part, found in parts.items()
+            if found["n"]
+        ]
     return display.table(
         rows,
-        ["tier", "true value inside", "95 % interval of that share", "parameters"],
-        caption="Coverage of the 95 % intervals of the true effect's parameters.",
-        align="lrrr",
+        ["tier", "parameters of", "true value inside", "95 % interval of that share", "parameters"],
+        caption="Coverage of the 95 % intervals of parameters: of a single effect, and of the plants, family "
+        "by family, where their structure was found.",
+        align="llrrr",
     )
 
 

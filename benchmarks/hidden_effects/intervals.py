@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping
 
+from sysid.demonstration import Case
+
 Values = Mapping[str, float]
 
 _SIDED = {
@@ -53,6 +55,17 @@ def true_values(effect: str, parameters: Values, period: float, reported: list[s
     else:
         values = {name: parameters[ours] for name, ours in _RENAMED.get(effect, {}).items()}
     return {name: value for name, value in values.items() if name in reported}
+
+
+def plant_values(case: Case) -> dict[str, float]:
+    """Return the true values of the plant's parameters that a record can tell.
+
+    The level of a relay is one with the gain of a difference equation, and a rectifier hides its sign.
+    """
+    names = case.plant.parameters
+    if case.plant.family == "difference-equation" and {"in_relay", "out_rectify"} & set(case.names):
+        names = {name: value for name, value in names.items() if not name.startswith("b")}
+    return {name: value for name, value in names.items() if name not in case.known}
 
 
 def _sided(name: str, parameters: Values, reported: list[str]) -> dict[str, float]:

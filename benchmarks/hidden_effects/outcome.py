@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.hidden_effects.intervals import true_values
+from benchmarks.hidden_effects.intervals import plant_values, true_values
 from benchmarks.hidden_effects.plan import Assignment
 from benchmarks.hidden_effects.refit import rms, true_structure
 
@@ -103,6 +103,7 @@ def _answer(assignment: Assignment, answer: Any) -> dict[str, Any]:
         "tie": answer.get("tie") or [],
         "p_value": min(p_values, default=None),
         "intervals": _intervals(assignment, ranked),
+        "plant_intervals": _plant_intervals(assignment, answer),
     }
 
 
@@ -117,11 +118,29 @@ def _intervals(assignment: Assignment, ranked: list[Any]) -> list[dict[str, Any]
             continue
         fitted: Mapping[str, Any] = entry["parameters"]
         truth = true_values(effect.name, effect.parameters, assignment.case.plant.period, list(fitted))
-        for name, value in truth.items():
-            error = fitted[name].get("std_error")
-            if error is not None and math.isfinite(error) and error > 0.0:
-                found.append({"parameter": name, "z": (fitted[name]["value"] - value) / error})
+        found += _standardised(truth, fitted)
     return found
+
+
+def _plant_intervals(assignment: Assignment, answer: Any) -> list[dict[str, Any]]:
+    """Standardised errors of the parameters of the plant, where its structure was found."""
+    found, hidden = (
+        {name for name in names if name != NOT_PHYSICAL}
+        for names in (answer["accepted"], assignment.case.names)
+    )
+    if assignment.kind == "outside" or answer["verdict"] == "unexplained" or found != hidden:
+        return []
+    return _standardised(plant_values(assignment.case), answer["ladder"][-1]["parameters"])
+
+
+def _standardised(truth: Mapping[str, float], fitted: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the errors in standard errors, where there is one."""
+    found: list[dict[str, Any]] = []
+    for name in truth.keys() & fitted.keys():
+        error = fitted[name].get("std_error")
+        if error is not None and math.isfinite(error) and error > 0.0:
+            found.append({"parameter": name, "z": (fitted[name]["value"] - truth[name]) / error})
+    return sorted(found, key=lambda entry: entry["parameter"])
 
 
 def _errors(assignment: Assignment, folder: Path) -> dict[str, Any]:

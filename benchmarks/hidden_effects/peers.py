@@ -46,12 +46,15 @@ FreeRun = Callable[[Data], Floats]
 
 @dataclass(frozen=True)
 class Tool:
-    """What runs, what it is told beyond the record, and what its answer names."""
+    """What runs, what it is told beyond the record, and what its answer names.
+
+    A string in the place of what runs names the column of the diagnosis's predictions that is judged.
+    """
 
     name: str
     told: str
     names: str
-    run: FreeRun | None
+    run: FreeRun | str
 
 
 def sparse_library(data: Data) -> Floats:
@@ -154,7 +157,8 @@ def state_network(data: Data) -> Floats:
 
 
 TOOLS = (
-    Tool("linear model, residual tests", "the model", "that something is missing", None),
+    Tool("sysid diagnose", "the model and candidates", "the effect", "final"),
+    Tool("linear model, residual tests", "the model", "that something is missing", "baseline"),
     Tool("pysindy", "the order", "polynomial terms", sparse_library),
     Tool("sysidentpy", "the order", "polynomial terms", polynomial_narx),
     Tool("jax-sysid", "the order", "nothing", state_network),
@@ -199,13 +203,16 @@ def _judged(tool: Tool, outcome: dict[str, Any], folder: Path) -> dict[str, Any]
     clean = np.array(truth["noise_free_test"])
     began, error, ratio = time.perf_counter(), None, None
     try:
-        model = _baseline(case) if tool.run is None else _scaled(tool.run, u, y, sets, outcome["order"])
+        if isinstance(tool.run, str):
+            model = _predicted(case, tool.run)
+        else:
+            model = _scaled(tool.run, u, y, sets, outcome["order"])
         rms = float(np.sqrt(np.mean((model[-clean.size :] - clean) ** 2)))
         ratio = rms / outcome["test_true"] if math.isfinite(rms) else None
         error = None if ratio is not None else "the free run diverges"
     except Exception as failure:
         error = " ".join(f"{type(failure).__name__}: {failure}".split())[:300]
-    seconds = time.perf_counter() - began if tool.run else outcome["seconds"]
+    seconds = outcome["seconds"] if isinstance(tool.run, str) else time.perf_counter() - began
     answer = {"id": outcome["id"], "tool": tool.name, "told": tool.told, "names": tool.names}
     return answer | {"ratio": ratio, "error": error, "seconds": seconds}
 
@@ -220,9 +227,9 @@ def _scaled(run: FreeRun, u: Floats, y: Floats, sets: list[str], order: int) -> 
         return run(data) * scale_y
 
 
-def _baseline(case: Path) -> Floats:
+def _predicted(case: Path, column: str) -> Floats:
     with (case / "predictions.csv").open(encoding="utf-8") as file:
-        return np.array([float(row["baseline"]) for row in csv.DictReader(file)])
+        return np.array([float(row[column]) for row in csv.DictReader(file)])
 
 
 def _lagged(signal: Floats, lags: int) -> Floats:

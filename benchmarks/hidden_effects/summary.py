@@ -120,6 +120,12 @@ def _tier(outcomes: Sequence[Outcome], tier: str) -> dict[str, Any]:
         },
         "p_values": calibration([o["p_value"] for o in answered if o["kind"] == "null"]),
         "intervals": coverage([z["z"] for o in answered for z in o["intervals"]]),
+        "plant_intervals": {
+            family: coverage(
+                [z["z"] for o in answered if o["family"] == family for z in o.get("plant_intervals", [])]
+            )
+            for family in sorted({o["family"] for o in answered})
+        },
         "seconds": {
             "median": float(np.median(seconds)),
             "q95": float(np.quantile(seconds, 0.95)),

@@ -10,6 +10,8 @@ from sysid.errors import UsageError
 from sysid.result_files import check_results, to_json_text, write_text
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from sysid.diagnosis.diagnose import Diagnosis
     from sysid.diagnosis.effects import Effect
 
@@ -21,7 +23,14 @@ def run(arguments: argparse.Namespace) -> int:
     from sysid.diagnosis.diagnose import diagnose
 
     _check(arguments)
-    results = [arguments.json, arguments.predictions, arguments.html, arguments.pdf, arguments.save]
+    results = [
+        arguments.json,
+        arguments.predictions,
+        arguments.html,
+        arguments.pdf,
+        arguments.save,
+        arguments.draft,
+    ]
     check_results([path for path in results if path is not None], arguments.data)
     candidates = _candidates(arguments)
     start = assigned_values("--param", arguments.param)
@@ -49,7 +58,18 @@ def run(arguments: argparse.Namespace) -> int:
         _write(diagnosis, arguments)
     for sentence in diagnosis.sentences():
         print(sentence)
+    if arguments.draft is not None:
+        print(_drafted(diagnosis, arguments.draft))
     return 0
+
+
+def _drafted(diagnosis: "Diagnosis", path: "Path") -> str:
+    """Write the best curve as an effect; say what was written."""
+    draft = diagnosis.draft()
+    if not draft:
+        return f"No draft was written to {path}: no curve explains what no candidate does."
+    write_text(path, draft)
+    return f"{path} has the curve as an effect: edit it, and give it with --effects-file {path}."
 
 
 def _check(arguments: argparse.Namespace) -> None:

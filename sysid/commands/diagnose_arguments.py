@@ -47,3 +47,9 @@ def add(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--html", metavar="FILE", type=Path, help="page")
     group.add_argument("--pdf", metavar="FILE", type=Path, help="page as PDF")
     group.add_argument("--save", metavar="FILE", type=Path, help="final model as JSON, TOML or .py function")
+    group.add_argument(
+        "--draft",
+        metavar="FILE",
+        type=Path,
+        help="where no candidate explains: the curve that explains most, as an effect to edit (TOML)",
+    )

@@ -13,6 +13,11 @@ if TYPE_CHECKING:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the list of effects, or explain those that are named."""
+    if arguments.template is not None:
+        from sysid.diagnosis.drafts import template
+
+        print(template(arguments.template), end="")
+        return 0
     from rich.console import Console
 
     console = Console(file=sys.stdout, highlight=False, width=None if sys.stdout.isatty() else 120)

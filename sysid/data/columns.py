@@ -53,7 +53,7 @@ class Wanted:
         """
         plain: dict[str, list[str]] = {}
         for name, unit in named_units(columns).items():
-            plain.setdefault(name.removesuffix("]").removesuffix(unit).rstrip(" ["), []).append(name)
+            plain.setdefault(name[:-1].rstrip().removesuffix(unit).rstrip(" [("), []).append(name)
 
         def found(name: str) -> str:
             same = plain.get(name, [])
@@ -92,6 +92,12 @@ class Wanted:
 
 def _check_present(path: Path, name: str, columns: Sequence[str]) -> None:
     if name not in columns:
+        if list(columns) == [str(1 + place) for place in range(len(columns))]:
+            raise UsageError(
+                f"{path.name} has no column {name!r}: its first row is all numbers, so its {len(columns)} "
+                "columns are named by their place; choose them so, such as --input 1 --output 2, or add a "
+                "header row"
+            )
         near = _nearest(name, columns)
         guess = f"; did you mean {near!r}?" if near else ":"
         more = len(columns) - LISTED_COLUMNS

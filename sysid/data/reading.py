@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.columns import Wanted
+from sysid.data.empty_rows import without_empty_end
 from sysid.data.formats import stored_table
 from sysid.data.notes import known_period, read_notes
 from sysid.data.record import Floats, Record, make_record, names_of
@@ -15,7 +16,7 @@ from sysid.data.registry import EXPERIMENT_COLUMN, SPLIT_COLUMN, registered_path
 from sysid.data.resampling import checked_period, clock_of, resample_table
 from sysid.data.text import detect, read_table
 from sysid.data.times import period_from_times, restarts, seconds_of_dates
-from sysid.data.units import in_seconds, named_units
+from sysid.data.units import in_seconds, named_units, time_unit
 from sysid.errors import DataError, UsageError
 
 if TYPE_CHECKING:
@@ -38,9 +39,10 @@ def read_record(
 ) -> Record:
     r"""Read a record from a CSV (plain or ``.gz``), Parquet, MATLAB or npz file.
 
-    The suffix tells the format.  In a text table separator, decimal comma, byte order mark and
-    comment lines are detected.  In ``.mat`` (any version) and ``.npz`` files each variable of
-    n x 1 or 1 x n numbers is a column, fields of a MATLAB structure ``s`` are columns ``s.field``,
+    The suffix tells the format.  In a text table separator, decimal comma, byte order mark, comment lines
+    and other lines above the header are detected; columns without a header are named by their place, ``1``
+    first.  Rows at its end that lack an input or an output are left out, with a warning.  In ``.mat`` (any
+    version) and ``.npz`` files each variable of n x 1 or 1 x n numbers is a column, fields of a MATLAB structure ``s`` are columns ``s.field``,
     and a scalar ``Ts``, ``dt``, ``period`` [s] or ``fs`` [Hz] gives the sampling period; nothing in
     them is ever executed.  A JSON file of the same name beside the table may give ``units``, ``Ts``
     [s] and ``splits.<set>.skip``, which are used where nothing else is said.
@@ -55,7 +57,8 @@ def read_record(
     period : float, optional
         Sampling period [s].
     time : str, optional
-        Column with the time [s]; it must be uniform, and starts a new experiment where it restarts.
+        Column with the time [s], in the unit that its name tells (``t [ms]``, ``t_ms``), or as dates; it must
+        be uniform, and starts a new experiment where it restarts.
     split, experiment : str, optional
         Columns with the split and the experiment.
     skip : int, optional
@@ -121,6 +124,7 @@ def _read(
     table, clock, period, wanted = _table(path, asked, period, separator, decimal)
     notes = read_notes(path)
     remarks = list(notes.warnings)
+    table = without_empty_end(table, wanted, remarks)
     labels = None if wanted.split is None else _text(table, wanted.split)
     times = _times(table, clock, path, wanted.time is not None, remarks)
     known = None if wanted.experiment is None else _text(table, wanted.experiment)
@@ -133,7 +137,8 @@ def _read(
     }
     units |= dict(notes.units)
     if asked.time is not None and wanted.time is not None and times is not None:
-        times = in_seconds(times, wanted.time, units.pop(asked.time, ""), remarks)
+        unit = units.pop(asked.time, "") or time_unit(wanted.time)
+        times = in_seconds(times, wanted.time, unit, remarks)
         if resample is None:
             period = period_from_times(times, groups, wanted.time, period)
     u, y = (

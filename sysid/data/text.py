@@ -12,15 +12,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid.data.preamble import SEPARATORS, WHITE_SPACE, found_table, is_number
 from sysid.data.units import named_units
 from sysid.errors import DataError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-SEPARATORS = (";", "\t", ",", "|")
 COMMENT_SIGNS = ("#", "%", "//")
 HEAD_BYTES = 65536
+# Cells without a value.
+MISSING = ["", "nan", "NaN", "NAN", "NA", "#N/A", "null", "NULL"]
 LONGEST_UNIT = 12
 # UTF-32 first: its little-endian mark begins with that of UTF-16.
 BYTE_ORDER_MARKS = (
@@ -71,24 +73,31 @@ def detect(path: Path, separator: str | None, decimal: str | None) -> Dialect:
     if before == len(lines):
         raise DataError(f"{path} is empty: it needs a header row with column names and rows of numbers")
     comment = next((line[0] for line in lines[:before] if line.startswith(COMMENT_SIGNS)), None)
+    whole = lines if len(head) < HEAD_BYTES else lines[:-1]
+    table = found_table(whole, before, [separator] if separator else SEPARATORS, decimal)
+    if table is not None:
+        before, separator = table.first, table.separator
     header = lines[before]
     if separator is None:
         separator = max(SEPARATORS, key=header.count)
         if header.count(separator) == 0:
-            separator = r"\s+"
+            separator = WHITE_SPACE
     columns = tuple(name.strip() for name in _header_cells(header, separator))
-    if all(_is_number(name) for name in columns):
-        raise DataError(
-            f"{path}: the first row is {header.strip()[:60]!r}, all numbers: columns are chosen by name, "
-            "so add a header row"
-        )
     if decimal is None:
         decimal = _decimal(lines[before + 1 : before + 200], separator)
+    if all(is_number(name.replace(decimal, ".")) for name in columns) and not _counts(columns):
+        numbers = tuple(str(1 + place) for place in range(len(columns)))
+        return Dialect(encoding, separator, decimal, comment, numbers, before, header_lines=0)
     units = _units(lines[before + 1 : before + 3], separator, decimal)
     if len(units) != len(columns):
         return Dialect(encoding, separator, decimal, comment, columns, before)
     columns = tuple(_with_unit(name, unit) for name, unit in zip(columns, units, strict=True))
     return Dialect(encoding, separator, decimal, comment, columns, before, header_lines=2)
+
+
+def _counts(columns: Sequence[str]) -> bool:
+    """Tell whether a row of numbers counts the columns, as a header without names does."""
+    return list(columns) in ([str(i + first) for i in range(len(columns))] for first in (0, 1))
 
 
 def _units(lines: Sequence[str], separator: str, decimal: str) -> list[str]:
@@ -100,10 +109,10 @@ def _units(lines: Sequence[str], separator: str, decimal: str) -> list[str]:
     if len(lines) < 2:
         return []
     units, below = ([cell.strip() for cell in _header_cells(line, separator)] for line in lines)
-    measured = [_is_number(cell.replace(decimal, ".")) for cell in below]
+    measured = [is_number(cell.replace(decimal, ".")) for cell in below]
     told = [unit for unit, number in zip(units, measured, strict=False) if unit and number]
     again = any(unit and unit == cell for unit, cell in zip(units, below, strict=False))
-    if not told or again or any(_is_number(u.replace(decimal, ".")) or len(u) > LONGEST_UNIT for u in units):
+    if not told or again or any(is_number(u.replace(decimal, ".")) or len(u) > LONGEST_UNIT for u in units):
         return []
     return [unit.strip("[]()") for unit in units]
 
@@ -130,13 +139,13 @@ def _encoding(head: bytes, path: Path) -> str:
 
 def _header_cells(header: str, separator: str) -> list[str]:
     """Cut the header, in which a quoted name may hold the separator."""
-    if separator == r"\s+":
+    if separator == WHITE_SPACE:
         return [name.strip('"') for name in header.split()]
     return next(csv.reader([header], delimiter=separator, skipinitialspace=True))
 
 
 def _cells(line: str, separator: str) -> list[str]:
-    return line.split() if separator == r"\s+" else line.split(separator)
+    return line.split() if separator == WHITE_SPACE else line.split(separator)
 
 
 def _decimal(lines: Sequence[str], separator: str) -> str:
@@ -144,17 +153,9 @@ def _decimal(lines: Sequence[str], separator: str) -> str:
     if separator == ",":
         return "."
     cells = [cell.strip() for line in lines for cell in _cells(line, separator)]
-    commas = sum(_is_number(cell.replace(",", ".")) for cell in cells if cell.count(",") == 1)
-    points = sum(_is_number(cell) for cell in cells if "." in cell)
+    commas = sum(is_number(cell.replace(",", ".")) for cell in cells if cell.count(",") == 1)
+    points = sum(is_number(cell) for cell in cells if "." in cell)
     return "," if commas > points else "."
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def read_table(path: Path, dialect: Dialect, wanted: Sequence[str], texts: Sequence[str]) -> "pd.DataFrame":
@@ -175,7 +176,7 @@ def read_table(path: Path, dialect: Dialect, wanted: Sequence[str], texts: Seque
         "names": range(beyond + 1),  # places: names of columns that are not read may be double
         "dtype": {**{place: "str" for place, name in places.items() if name in texts}, beyond: "str"},
         "keep_default_na": False,
-        "na_values": {place: [""] for place, name in places.items() if name not in texts},
+        "na_values": {place: MISSING for place, name in places.items() if name not in texts},
         "skipinitialspace": True,
         "comment": dialect.comment,
         "index_col": False,

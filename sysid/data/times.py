@@ -14,6 +14,14 @@ if TYPE_CHECKING:
 # Largest deviation of one step from the period.  Times are often printed with few digits.
 STEP_TOLERANCE = 0.05
 PERIOD_TOLERANCE = 0.01
+# How dates may be written, as pandas takes them.
+_CLOCKS = ("%H:%M:%S.%f", "%H:%M:%S", "%H:%M")
+_DAYS = ("%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%d-%m-%Y", "%Y/%m/%d")
+DATE_FORMATS: tuple[str, ...] = (
+    "ISO8601",
+    *_CLOCKS,
+    *(f"{day} {clock}" for day in _DAYS for clock in _CLOCKS),
+)
 
 
 def restarts(times: Floats, known: NDArray[np.str_] | None, *, strict: bool) -> NDArray[np.bool_]:
@@ -51,23 +59,32 @@ def restarts(times: Floats, known: NDArray[np.str_] | None, *, strict: bool) -> 
 
 
 def seconds_of_dates(texts: "pd.Series") -> Floats | None:
-    """Return the seconds since the first of dates as ISO 8601 writes them; None where one is none.
+    """Return the seconds since the first of dates or times of the day; None where one is none.
+
+    Dates as ISO 8601 writes them, with the day or the month first, or with the time of the day alone; where
+    it is not clear which comes first, the one that gives the more uniform steps.
 
     Examples
     --------
     >>> import pandas as pd
     >>> seconds_of_dates(pd.Series(["2024-02-29 23:59:59.5", "2024-03-01T00:00:00"])).tolist()
     [0.0, 0.5]
+    >>> seconds_of_dates(pd.Series(["31.01.2024 23:59", "01.02.2024 00:00", "01.02.2024 00:01"])).tolist()
+    [0.0, 60.0, 120.0]
     """
     import pandas as pd
 
-    try:
-        dates = pd.to_datetime(texts, format="ISO8601", utc=True)
-    except (ValueError, TypeError):
-        return None
-    if dates.isna().any():
-        return None
-    return np.asarray((dates - dates.iloc[0]).dt.total_seconds(), dtype=np.float64)
+    found = []
+    for form in DATE_FORMATS:
+        try:
+            dates = pd.to_datetime(texts, utc=True, format=form)
+        except (ValueError, TypeError):
+            continue
+        if not dates.isna().any():
+            found.append(np.asarray((dates - dates.iloc[0]).dt.total_seconds(), dtype=np.float64))
+    return min(
+        found, key=lambda times: float(np.ptp(np.diff(times))) if times.size > 1 else 0.0, default=None
+    )
 
 
 def period_from_times(

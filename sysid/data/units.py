@@ -18,19 +18,32 @@ SECONDS = {
     "min": 60.0,
     "h": 3600.0,
 }
-_NAMED = re.compile(r".*\S\s+\[([^\d\W][^\[\]]*|[%°][^\[\]]*)\]")
+_NAMED = re.compile(r".*\S\s+\[([^\d\W][^\[\]]*|[%°][^\[\]]*)\]|.*\S\s+\(([^\d\W][^()]*|[%°][^()]*)\)")
+# Endings that tell the unit of a time, and names that are such units.
+_TIMED = {"ms": "ms", "us": "us", "ns": "ns", "millis": "ms", "micros": "us"}
 
 
 def named_units(names: Sequence[str]) -> dict[str, str]:
-    """Return the units that stand in square brackets behind the names of columns.
+    """Return the units that stand in brackets behind the names of columns.
 
     Examples
     --------
-    >>> named_units(["speed [rad/s]", "u", "x[1]"])
-    {'speed [rad/s]': 'rad/s'}
+    >>> named_units(["speed [rad/s]", "u", "x[1]", "force (N)"])
+    {'speed [rad/s]': 'rad/s', 'force (N)': 'N'}
     """
     found = {name: _NAMED.fullmatch(name) for name in names}
-    return {name: match[1].strip() for name, match in found.items() if match}
+    return {name: (match[1] or match[2]).strip() for name, match in found.items() if match}
+
+
+def time_unit(name: str) -> str:
+    """Return the unit that the name of a time column ends with; empty if it tells none.
+
+    Examples
+    --------
+    >>> time_unit("t_ms"), time_unit("millis"), time_unit("terms")
+    ('ms', 'ms', '')
+    """
+    return _TIMED.get(re.split(r"[\W_]+", name.strip().lower())[-1], "")
 
 
 def in_seconds(times: Floats, name: str, unit: str, remarks: list[str]) -> Floats:

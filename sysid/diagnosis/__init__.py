@@ -10,5 +10,6 @@ are rooms, each with a guide of its own:
 - ``pages`` shows, ``export`` takes a model elsewhere.
 
 What only ``diagnose`` needs lies beside it: ``long_records`` (a search on part of the rows), ``ladder`` (the
-falling error), ``advice`` and ``experiment`` (what to measure next), ``shortfall`` (where what is left lies).
+falling error), ``advice`` and ``experiment`` (what to measure next), ``shortfall`` (where what is left lies),
+``drafts`` (a curve as an effect to edit).
 """

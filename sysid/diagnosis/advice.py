@@ -37,9 +37,9 @@ def _by_verdict(structure: Structure, decision: Decision, accepted: Sequence[str
         closest = f"with {tried} {left} is left" if tried else f"{left} is left"
         return (
             f"The model lacks something that no candidate explains ({closest}). Where a free-form curve at a "
-            "port removes much of the error, write it as an effect in TOML and give it with --effects-file; "
-            "where none does, look for a memory (play, hysteresis, a further state) or for an input that was "
-            "not measured."
+            "port removes much of the error, --draft FILE writes it as an effect to edit and to give with "
+            "--effects-file; where none does, look for a memory (play, hysteresis, a further state) or for "
+            "an input that was not measured."
         )
     if decision.verdict == "nothing-missing":
         return "Nothing is missing: what is left of the error is noise." + _loop(decision)

@@ -169,6 +169,12 @@ class Diagnosis:
             "final": self.final.output,
         }
 
+    def draft(self) -> str:
+        """Return the best free-form curve as an effect in TOML, to be edited; empty if there is none."""
+        from sysid.diagnosis.drafts import draft_of
+
+        return draft_of(self)
+
     def write_predictions(self, path: "Path") -> None:
         """Write the predictions as CSV: k, measured, baseline, final."""
         from sysid.result_files import write_text
@@ -277,12 +283,21 @@ def diagnose(
         part, chosen = thinned(record, count) if count > 1 else shortened(record)
     structure = structure_of(part, model, order, initial_state, start, fixed)
     candidates = find_effects(effects if effects is not None else [e.name for e in _catalogue()])
+    given = find_effects(add)
     with bars_of(progress) as bars:
-        search = Search(
-            structure, candidates, alpha=alpha, max_effects=max_effects, seed=seed, given=find_effects(add),
-            jobs=jobs, bars=bars, smooth=count > 1, thorough=thorough,
-        )  # fmt: skip
-        decision, curves = _against_curves(structure, search.decide())
+
+        def decide(structure: Structure) -> "tuple[Decision, tuple[PortCurve, ...] | None]":
+            search = Search(
+                structure, candidates, alpha=alpha, max_effects=max_effects, seed=seed, given=given,
+                jobs=jobs, bars=bars, smooth=count > 1, thorough=thorough,
+            )  # fmt: skip
+            return _against_curves(structure, search.decide())
+
+        decision, curves = decide(structure)
+        if model == "linear" and order is None:
+            from sysid.diagnosis.orders import with_effects
+
+            structure, decision, curves = with_effects((structure, decision, curves), decide, alpha)
         kept = _kept(decision, accept)
         estimates = [decision.baseline, *rungs_of(structure, decision, kept)]
         whole: Structure = structure
@@ -294,6 +309,9 @@ def diagnose(
                     estimates[step] = _on_all_rows(whole, fit, chosen)
                     bar.advance()
             ladder = climb(whole, decision, estimates, kept, count > 1, bar)
+        if decision.verdict == "missing-effect" and _is_lost(ladder):
+            decision, kept = _with_nothing_found(decision), tuple(decision.given)
+            ladder = ladder[: 1 + len(kept)]
     noise = NOISE_EFFECT in decision.accepted and accept != "none"
     accepted = (*kept, *([NOISE_EFFECT] if noise else []))
     advice = advise(structure, decision, accepted)
@@ -322,6 +340,26 @@ def _against_curves(
         return decision, curves if decision.verdict == "unexplained" else None
     kept = len(decision.given)
     return replace(decision, fits=decision.fits[:kept], accepted=decision.given), curves
+
+
+def _is_lost(ladder: Sequence[Rung]) -> bool:
+    """Tell whether the refits with effects follow less than their mean does, and less than without them."""
+    first, last = (rung.scores.get("validation", {}).get("nrmse") for rung in (ladder[0], ladder[-1]))
+    return first is not None and last is not None and last > max(first, 1.0)
+
+
+def _with_nothing_found(decision: Decision) -> Decision:
+    """Return the decision that what was found does not explain the record after all."""
+    kept = len(decision.given)
+    return replace(
+        decision,
+        verdict="unexplained",
+        fits=decision.fits[:kept],
+        accepted=decision.given,
+        tie=(),
+        rejected=tuple(name for name in decision.accepted if name != NOISE_EFFECT),
+        left_share=1.0,
+    )
 
 
 def _on_all_rows(whole: Structure, fit: StructureFit, chosen: Mask) -> StructureFit:

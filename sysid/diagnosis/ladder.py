@@ -8,9 +8,8 @@ import numpy as np
 
 from sysid.data import Record
 from sysid.diagnosis.comparison.scores import finite, nrmse_interval, score
-from sysid.diagnosis.decide.acceptance import TIED
 from sysid.diagnosis.decide.decision import Decision
-from sysid.diagnosis.decide.evidence import block_separation
+from sysid.diagnosis.decide.evidence import TIED, block_separation
 from sysid.diagnosis.decide.noise_colour import noise_of
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects

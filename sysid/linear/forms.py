@@ -9,6 +9,9 @@ Complexes = NDArray[np.complex128]
 # Largest modulus of a pole that a start may have; the search itself may go on to the unit circle.
 LARGEST_START = 0.9999995
 
+# An alternation that dies out sooner is none.
+LEAST_ALTERNATION = 0.3
+
 
 def section_coefficients(reflections: Floats) -> tuple[Floats, Floats]:
     """Return a1, a2 of each section from its reflection coefficients.
@@ -73,6 +76,21 @@ def poles_of(reflections: Floats) -> Complexes:
         else:
             found.append(complex(-first))
     return np.array(sorted(found, key=lambda pole: (-round(abs(pole), 12), -pole.imag)), dtype=np.complex128)
+
+
+def without_alternation(poles: Complexes) -> Complexes | None:
+    """Return the poles with those on the negative real axis mirrored; None if there are none to speak of.
+
+    A pole there alternates from one sample to the next, which no sampled plant does by itself: an order
+    that is hard to see often ends so, at a minimum that all common starts lead to.
+
+    Examples
+    --------
+    >>> without_alternation(np.array([0.5, -0.9])), without_alternation(np.array([0.5, -0.1]))
+    (array([0.5, 0.9]), None)
+    """
+    alternates = (np.imag(poles) == 0.0) & (np.real(poles) < -LEAST_ALTERNATION)
+    return np.where(alternates, -poles, poles) if alternates.any() else None
 
 
 def denominator(reflections: Floats) -> Floats:

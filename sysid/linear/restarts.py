@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.linear.forms import Complexes, Floats, reflections_from_poles
+from sysid.linear.forms import Complexes, Floats, poles_of, reflections_from_poles, without_alternation
 from sysid.linear.reduction import Reduction, Segment, Structure
 from sysid.linear.search import Search, search_poles
 from sysid.linear.starts import least_squares_poles, pole_grid, steiglitz_mcbride_poles
@@ -82,7 +82,10 @@ def search_from_many(
         batch = ranked[first : first + SEARCHED_STARTS]
         short = [search_poles(screening, structure, start, COARSE_STEP, FIRST_EVALUATIONS) for start in batch]
         short.sort(key=lambda search: search.cost)
-        leading += [search_poles(screening, structure, s.reflections, step) for s in short[:LEADING]]
+        ahead = [search_poles(screening, structure, s.reflections, step) for s in short[:LEADING]]
+        mirrored = [without_alternation(poles_of(end.reflections)) for end in ahead]
+        starts = [reflections_from_poles(poles) for poles in mirrored if poles is not None]
+        leading += ahead + [search_poles(screening, structure, start, step) for start in starts]
         searches += short[LEADING:]
         leading.sort(key=lambda search: search.cost)
         ends = leading + searches

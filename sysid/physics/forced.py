@@ -13,6 +13,7 @@ from sysid.physics.expressions import code
 from sysid.physics.hold import PIECES, refined
 from sysid.physics.linear_form import Entry, linear_form
 from sysid.physics.model import Model
+from sysid.physics.own_laws import NO_OWN_LAW, OwnLaw, kernel_of
 from sysid.physics.ports import Port, find_port
 
 MOST_STATES = 4
@@ -177,7 +178,8 @@ class ForcedPlant:
         from sysid.physics import forced_kernels as fk
 
         lanes = values.shape[0]
-        plants = np.zeros((lanes, fk.SIZE))
+        laws = np.atleast_2d(laws)
+        plants = np.zeros((lanes, fk.SIZE + laws.shape[1] - NO_LAW.size))
         by_input = np.zeros((lanes, MOST_STATES, self.n_inputs))
         direct = np.zeros((lanes, self.n_inputs))
         distinct: dict[tuple[float, ...], int] = {}
@@ -189,7 +191,8 @@ class ForcedPlant:
         plants[:, places] = entries[:, first]
         by_input[:, rows, columns] = entries[:, second]
         direct[:, inputs] = entries[:, third]
-        plants[:, fk.LAW :] = laws
+        plants[:, fk.LAW : fk.OWN] = laws[:, : NO_LAW.size]
+        plants[:, fk.SIZE :] = laws[:, NO_LAW.size :]
         return plants, by_input, direct
 
     def _entries(self, values: Sequence[float]) -> Sequence[float]:
@@ -241,6 +244,7 @@ class ForcedPlant:
         substeps: int = 1,
         states: Floats | None = None,
         exact: bool | None = None,
+        own: OwnLaw = NO_OWN_LAW,
     ) -> Floats:
         """Simulate several runs.
 
@@ -248,8 +252,8 @@ class ForcedPlant:
         ----------
         values : ndarray, shape (lanes, n_parameters)
             Every parameter of the model, in its order.
-        laws : ndarray, shape (lanes, 19)
-            See `law`.
+        laws : ndarray, shape (lanes, 19 or more)
+            See `law`; behind them the parameters of ``own``.
         u : ndarray, shape (n_samples,), (n_samples, n_inputs) or (lanes, n_samples, n_inputs)
         starts : ndarray, shape (lanes, n_states), optional
             Initial states; at rest by default.
@@ -259,12 +263,15 @@ class ForcedPlant:
             Filled with the states.
         exact : bool, optional
             Whether there are no added forces; found from the laws by default.
+        own : OwnLaw
+            Forces and gains of the user's own.
 
         Returns
         -------
         ndarray, shape (lanes, n_samples)
             Not a number from where a run diverges on.
         """
+        from sysid.physics import forced_kernels as fk
         from sysid.physics.forced_kernels import forced_runs, linear_runs
         from sysid.physics.forced_lanes import lane_runs
 
@@ -285,16 +292,31 @@ class ForcedPlant:
         arguments = self.coefficients(values, laws)
         plants, by_input, direct = arguments
         if exact is None:
-            exact = np.array_equal(laws, np.broadcast_to(NO_LAW, laws.shape))
+            exact = not own.terms and np.array_equal(laws, np.broadcast_to(NO_LAW, laws.shape))
         if exact:
             linear_runs(plants, self.order, by_input, direct, signal, at_start, period, y, inner)
         else:
             step = period / substeps
             powers = laws[:, POWERS]
-            simulate = lane_runs if ((powers == 0.5) | (powers == 1.0)).all() else forced_runs
-            simulate(
-                plants, self.order, self.same, by_input, direct, signal, at_start, step, substeps, y, inner
+            side_by_side = not own.terms and bool(((powers == 0.5) | (powers == 1.0)).all())
+            known = (
+                plants,
+                self.order,
+                self.same,
+                by_input,
+                direct,
+                signal,
+                at_start,
+                step,
+                substeps,
+                y,
+                inner,
             )
+            if side_by_side:
+                lane_runs(*known)
+            else:
+                plants[:, fk.OWN] = float(bool(own.terms))
+                forced_runs(*known, kernel_of(own))
         if states is not None:
             for k, state in enumerate(self.states_first):
                 states[:, :, state] = inner[:, ::pieces, k]

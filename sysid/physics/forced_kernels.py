@@ -21,6 +21,7 @@ import numpy as np
 
 from sysid._compile import compiled
 from sysid.linear.forms import Floats
+from sysid.physics.own_laws import OwnKernel
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 State = tuple[float, float, float, float, float]
@@ -39,7 +40,8 @@ FIRST_POWER, SECOND_POWER = LAW + 13, LAW + 14  # of the levels, with which the 
 FIRST_CAP, SECOND_CAP = LAW + 15, LAW + 16
 CAUGHT = LAW + 17  # share of what the first tank overflows that the second one catches
 LOOP_BEND = LAW + 18  # how the elastic-plastic element softens on the way out and back alike
-SIZE = LAW + 19
+OWN = LAW + 19  # whether there are laws of the user's own, whose parameters come behind
+SIZE = LAW + 20
 
 SMOOTH, STUCK = 2, 0  # modes; 1 and -1 are sliding to either side
 # Changes that are located in one step; a body that chatters faster is held until the step's end.
@@ -87,19 +89,25 @@ def outflow(level: float, power: float) -> float:
 
 
 @inlined
-def rates(w: Floats, n: int, same: bool, z: State, mode: int) -> State:
+def rates(w: Floats, n: int, same: bool, z: State, mode: int, own: OwnKernel) -> State:
     """Return the derivative of states and memory; the velocity's as if no dry friction acted when stuck."""
     z0, z1, z2, z3, memory = z
     s0, s1 = min(z0, w[FIRST_CAP]), min(z1, w[SECOND_CAP])
     factor = 1.0
-    if w[GAIN] != 0.0:
+    if w[GAIN] != 0.0 or w[OWN] != 0.0:
         output = w[READ] * s0 + w[READ + 1] * s1 + w[READ + 2] * z2 + w[READ + 3] * z3 + w[READ + 4]
-        factor += w[GAIN] * math.tanh(output / w[GAIN_SCALE])
+        if w[GAIN] != 0.0:
+            factor += w[GAIN] * math.tanh(output / w[GAIN_SCALE])
+        if w[OWN] != 0.0:
+            factor *= own(1, output, 0.0, w)
     if w[FIRST_POWER] != 1.0:
         s0 = outflow(s0, w[FIRST_POWER])
     if w[SECOND_POWER] != 1.0:
         s1 = outflow(s1, w[SECOND_POWER])
-    force = smooth_force(w, z0 if same else z1, z0, memory)
+    position = z0 if same else z1
+    force = smooth_force(w, position, z0, memory)
+    if w[OWN] != 0.0:
+        force -= own(0, position, z0, w)
     if mode == 1 or mode == -1:
         force += sliding_friction(w, z0, mode)
     d0 = w[STEADY] + factor * w[DRIVE] + w[PUSH] * force + w[A] * s0 + w[A + 1] * s1
@@ -150,12 +158,14 @@ def kept(d: State, mode: int) -> State:
 
 
 @inlined
-def fourth_order_step(w: Floats, n: int, same: bool, z: State, mode: int, step: float) -> State:
+def fourth_order_step(
+    w: Floats, n: int, same: bool, z: State, mode: int, step: float, own: OwnKernel
+) -> State:
     """Return the state after a classical Runge-Kutta step."""
-    a = kept(rates(w, n, same, z, mode), mode)
-    b = kept(rates(w, n, same, moved(z, a, 0.5 * step), mode), mode)
-    c = kept(rates(w, n, same, moved(z, b, 0.5 * step), mode), mode)
-    d = kept(rates(w, n, same, moved(z, c, step), mode), mode)
+    a = kept(rates(w, n, same, z, mode, own), mode)
+    b = kept(rates(w, n, same, moved(z, a, 0.5 * step), mode, own), mode)
+    c = kept(rates(w, n, same, moved(z, b, 0.5 * step), mode, own), mode)
+    d = kept(rates(w, n, same, moved(z, c, step), mode, own), mode)
     sixth = step / 6.0
     return (
         z[0] + sixth * (a[0] + 2.0 * (b[0] + c[0]) + d[0]),
@@ -167,9 +177,9 @@ def fourth_order_step(w: Floats, n: int, same: bool, z: State, mode: int, step: 
 
 
 @compiled
-def called_step(w: Floats, n: int, same: bool, z: State, mode: int, step: float) -> State:
+def called_step(w: Floats, n: int, same: bool, z: State, mode: int, step: float, own: OwnKernel) -> State:
     """Return the same as `fourth_order_step`, where speed is not worth the code."""
-    after: State = fourth_order_step(w, n, same, z, mode, step)
+    after: State = fourth_order_step(w, n, same, z, mode, step, own)
     return after
 
 
@@ -181,25 +191,25 @@ def breaking_force(w: Floats, side: int) -> float:
 
 
 @compiled
-def holding_force(w: Floats, n: int, same: bool, z: State) -> float:
+def holding_force(w: Floats, n: int, same: bool, z: State, own: OwnKernel) -> float:
     """Return the force that keeps a body at zero velocity."""
-    holding: float = -rates(w, n, same, z, STUCK)[0] / w[PUSH]
+    holding: float = -rates(w, n, same, z, STUCK, own)[0] / w[PUSH]
     return holding
 
 
 @compiled
-def margin(w: Floats, n: int, same: bool, z: State, mode: int) -> float:
+def margin(w: Floats, n: int, same: bool, z: State, mode: int, own: OwnKernel) -> float:
     """Return what is positive as long as the mode lasts."""
     if mode != STUCK:
         return mode * z[0]
-    holding = holding_force(w, n, same, z)
+    holding = holding_force(w, n, same, z, own)
     return min(holding + breaking_force(w, 1), breaking_force(w, -1) - holding)
 
 
 @compiled
-def mode_at_zero(w: Floats, n: int, same: bool, z: State) -> int:
+def mode_at_zero(w: Floats, n: int, same: bool, z: State, own: OwnKernel) -> int:
     """Return how a body at zero velocity goes on: stuck, or sliding to one side."""
-    holding = holding_force(w, n, same, z)
+    holding = holding_force(w, n, same, z, own)
     if holding < -breaking_force(w, 1):
         return 1
     if holding > breaking_force(w, -1):
@@ -209,17 +219,17 @@ def mode_at_zero(w: Floats, n: int, same: bool, z: State) -> int:
 
 @compiled
 def time_of_event(
-    w: Floats, n: int, same: bool, z: State, mode: int, near: float, far: float
+    w: Floats, n: int, same: bool, z: State, mode: int, near: float, far: float, own: OwnKernel
 ) -> tuple[float, State]:
     """Return the step at whose end the mode ends, and the state there, by the Illinois regula falsi."""
-    at_near = margin(w, n, same, called_step(w, n, same, z, mode, near) if near > 0.0 else z, mode)
-    end = called_step(w, n, same, z, mode, far)
-    at_far = margin(w, n, same, end, mode)
+    at_near = margin(w, n, same, called_step(w, n, same, z, mode, near, own) if near > 0.0 else z, mode, own)
+    end = called_step(w, n, same, z, mode, far, own)
+    at_far = margin(w, n, same, end, mode, own)
     size, middle, side = at_near - at_far, far, 0
     for _ in range(ROOT_STEPS):
         middle = (near * at_far - far * at_near) / (at_far - at_near)
-        end = called_step(w, n, same, z, mode, middle)
-        value = margin(w, n, same, end, mode)
+        end = called_step(w, n, same, z, mode, middle, own)
+        value = margin(w, n, same, end, mode, own)
         if abs(value) <= EVENT_TOLERANCE * size or far - near <= 1e-15 * far:
             break
         if value > 0.0:
@@ -236,36 +246,38 @@ def time_of_event(
 
 
 @compiled
-def cut_step(w: Floats, n: int, same: bool, z: State, mode: int, step: float) -> tuple[State, int, int]:
+def cut_step(
+    w: Floats, n: int, same: bool, z: State, mode: int, step: float, own: OwnKernel
+) -> tuple[State, int, int]:
     """Return state, mode and number of changes after a step cut where sliding turns or sticking ends."""
     left = step
     for changes in range(MOST_EVENTS):
-        trial = called_step(w, n, same, z, mode, left)
-        if not margin(w, n, same, trial, mode) < 0.0:
+        trial = called_step(w, n, same, z, mode, left, own)
+        if not margin(w, n, same, trial, mode, own) < 0.0:
             return trial, mode, changes
         near, far = 0.0, left
-        if margin(w, n, same, z, mode) <= 0.0:
+        if margin(w, n, same, z, mode, own) <= 0.0:
             # The body has just begun to move: look for a shorter step after which it still does.
             near = 0.5 * left
             while near > 1e-9 * step:
-                if margin(w, n, same, called_step(w, n, same, z, mode, near), mode) > 0.0:
+                if margin(w, n, same, called_step(w, n, same, z, mode, near, own), mode, own) > 0.0:
                     break
                 far, near = near, 0.5 * near
             else:
                 near = -1.0
         before, taken = mode, 0.0
         if near >= 0.0:
-            taken, z = time_of_event(w, n, same, z, mode, near, far)
+            taken, z = time_of_event(w, n, same, z, mode, near, far, own)
         z = (0.0, z[1], z[2], z[3], z[4])
         left -= taken
-        mode = mode_at_zero(w, n, same, z)
+        mode = mode_at_zero(w, n, same, z, own)
         if before == STUCK and mode == STUCK:  # at the edge to rounding: the force goes on growing
-            mode = -1 if holding_force(w, n, same, z) > 0.0 else 1
+            mode = -1 if holding_force(w, n, same, z, own) > 0.0 else 1
         elif near < 0.0 and mode == before:  # it cannot move to this side, nor to the other
             mode = STUCK
         if left <= 0.0:
             return z, mode, changes + 1
-    trial = called_step(w, n, same, z, STUCK, left)
+    trial = called_step(w, n, same, z, STUCK, left, own)
     return (0.0, trial[1], trial[2], trial[3], trial[4]), STUCK, MOST_EVENTS
 
 
@@ -282,13 +294,14 @@ def forced_runs(
     substeps: int,
     y: Floats,
     states: Floats,
+    own: OwnKernel,
 ) -> None:
     """Simulate several runs (lanes) of a plant with added forces.
 
     Parameters
     ----------
-    plants : ndarray, shape (lanes, SIZE)
-        Coefficients of each lane; those of the input are filled here.
+    plants : ndarray, shape (lanes, SIZE or more)
+        Coefficients of each lane, those of the input are filled here; parameters of the user's own laws.
     n : int
         Number of states.
     same : bool
@@ -307,9 +320,11 @@ def forced_runs(
         Not a number from where a run diverges on.
     states : ndarray, shape (lanes, n_samples, 4), or with 0 samples
         Filled where it has room.
+    own : kernel
+        The user's own law, see `sysid.physics.own_laws`.
     """
     m = u.shape[2]
-    w = np.empty(SIZE)
+    w = np.empty(plants.shape[1])
     for lane in range(plants.shape[0]):
         source = lane if u.shape[0] > 1 else 0
         w[:] = plants[lane]
@@ -336,17 +351,17 @@ def forced_runs(
                     rate += by_input[lane, i, j] * u[source, k, j]
                 w[DRIVE + i] = rate
             if dry:
-                mode = mode_at_zero(w, n, same, z) if z[0] == 0.0 else (1 if z[0] > 0.0 else -1)
+                mode = mode_at_zero(w, n, same, z, own) if z[0] == 0.0 else (1 if z[0] > 0.0 else -1)
             for _ in range(substeps):
                 if not dry:
-                    z = spilled(w, fourth_order_step(w, n, same, z, SMOOTH, step))
+                    z = spilled(w, fourth_order_step(w, n, same, z, SMOOTH, step, own))
                     continue
                 if mode != STUCK:
-                    trial = fourth_order_step(w, n, same, z, mode, step)
+                    trial = fourth_order_step(w, n, same, z, mode, step, own)
                     if mode * trial[0] >= 0.0:
                         z = trial
                         continue
-                z, mode, changes = cut_step(w, n, same, z, mode, step)
+                z, mode, changes = cut_step(w, n, same, z, mode, step, own)
                 chatter += changes
 
 

@@ -39,6 +39,7 @@ from sysid.physics.forced_steps import (
     drift_of_all,
     step_of_all,
 )
+from sysid.physics.own_laws import NO_OWN_LAW, OwnKernel, kernel_of
 
 # Up to so many lanes take half of them; so few are not worth a vector.
 HALF, FEW = 8, 1
@@ -61,13 +62,13 @@ def lane_runs(
     states: Floats,
 ) -> None:
     """Simulate several runs; arguments as those of `forced_kernels.forced_runs`."""
-    curve, size = _costly(plants), 4 if n > 2 else 2
+    curve, size, none = _costly(plants), 4 if n > 2 else 2, kernel_of(NO_OWN_LAW)
     levelled, stepped, drifted = curve in (LEVELS, ALL), step_of_all(size, curve), drift_of_all(size)
     for first in range(0, plants.shape[0], WIDTH):
         group = slice(first, first + WIDTH)
         group_runs(
             plants[group], n, same, by_input[group], direct[group], u[group] if u.shape[0] > 1 else u,
-            starts[group], step, substeps, y[group], states[group], levelled, stepped, drifted,
+            starts[group], step, substeps, y[group], states[group], levelled, stepped, drifted, none,
         )  # fmt: skip
 
 
@@ -107,6 +108,7 @@ def group_runs(
     levelled: bool,
     stepped: Any,
     drifted: Any,
+    none: OwnKernel,
 ) -> None:
     """Simulate up to WIDTH runs."""
     lanes, m = plants.shape[0], u.shape[2]
@@ -155,7 +157,9 @@ def group_runs(
                     for j in range(n):
                         rows[i, _drive + j] = w[(_drive + j) * WIDTH + i]
                     z = state_of(w, Z * WIDTH + i)
-                    mode[i] = mode_at_zero(rows[i], n, same, z) if z[0] == 0.0 else (1 if z[0] > 0.0 else -1)
+                    mode[i] = (
+                        mode_at_zero(rows[i], n, same, z, none) if z[0] == 0.0 else (1 if z[0] > 0.0 else -1)
+                    )
             if not running:
                 break
         for i in range(lanes):
@@ -181,7 +185,7 @@ def group_runs(
                         lasts = not (forwards or holding > breaking_force(rows[i], -1))
                     if not lasts:
                         z = state_of(w, Z * WIDTH + i)
-                        end, mode[i], changes = cut_step(rows[i], n, same, z, mode[i], step)
+                        end, mode[i], changes = cut_step(rows[i], n, same, z, mode[i], step, none)
                         chatter[i] += changes
                         for j in range(MOST_STATES + 1):
                             w[(AFTER + j) * WIDTH + i] = end[j]

@@ -20,8 +20,9 @@ from sysid.physics.forced_kernels import MOST_STATES, moved
 
 # Lanes side by side: two vectors of the widest instructions, so that one need not wait for the other.
 WIDTH = 16
-# Where things stand, in blocks of WIDTH: the coefficients of `forced_kernels`, states, side, motion, states
-# after a step.  All are in one array, so that the compiler knows which of them cannot overlap.
+# Where things stand, in blocks of WIDTH: the coefficients of `forced_kernels` without laws of the user's own,
+# states, side, motion, states after a step.  All are in one array, so that the compiler knows which of them
+# cannot overlap.
 Z, SIDE, MOVING = fk.SIZE, fk.SIZE + MOST_STATES + 1, fk.SIZE + MOST_STATES + 2
 AFTER = MOVING + 1
 BLOCKS = AFTER + MOST_STATES + 1

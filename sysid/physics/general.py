@@ -1,7 +1,6 @@
 """Runs of any physical model for diagnosis: effects at its input and output, and smooth forces inside."""
 
 from dataclasses import replace
-from functools import cached_property
 from threading import Lock
 
 import numpy as np
@@ -11,6 +10,7 @@ from sysid.linear.forms import Floats
 from sysid.physics.expressions import Symbol
 from sysid.physics.forced import LAW_NAMES, NO_LAW
 from sysid.physics.model import Model, Output, Parameter, Term
+from sysid.physics.own_laws import NO_OWN_LAW, OwnLaw, renamed
 from sysid.physics.ports import Port, find_port
 from sysid.physics.simulation import Simulator, choose_substeps
 
@@ -60,21 +60,31 @@ class GeneralPlant:
         self.names = tuple(parameter.name for parameter in model.parameters)
         self.order, self.n_inputs = len(model.states), len(model.inputs)
         self._simulator = Simulator(model, period)
+        self._simulators: dict[OwnLaw, Simulator] = {}
         self._one_at_a_time = Lock()
         found = Port() if self._simulator.linear else find_port(model)
         self.port = Port() if found.velocity is None else replace(found, levels=())
 
-    @cached_property
-    def _forced(self) -> Simulator:
-        """Simulator of the model with smooth forces, and of its states beside the output."""
+    def _with_forces(self, own: OwnLaw) -> Simulator:
+        """Return the simulator of the model with smooth forces, and of its states beside the output."""
+        if own not in self._simulators:
+            self._simulators[own] = self._forced(own)
+        return self._simulators[own]
+
+    def _forced(self, own: OwnLaw) -> Simulator:
         velocity, position = self.port.velocity, self.port.position
         model = self.model
         if velocity is not None and position is not None:
             names = {"v": model.states[velocity].name, "x": model.states[position].name}
             for name, expression in SMOOTH_FORCES.items():
-                own = [name, "wave_number"] if name == "gravity" else [name]
-                parameters = tuple(Parameter(f"law_{coefficient}", "", 0.0) for coefficient in own)
+                needed = [name, "wave_number"] if name == "gravity" else [name]
+                parameters = tuple(Parameter(f"law_{coefficient}", "", 0.0) for coefficient in needed)
                 model = model.with_term(names["v"], name, expression.format(**names), parameters)
+            for number, (_, expression, given) in enumerate(own.terms):
+                called = names | {name: f"law_own{number}_{name}" for name in given}
+                parameters = tuple(Parameter(called[name], "", 0.0) for name in given)
+                force = f"-({renamed(expression, called)})"
+                model = model.with_term(names["v"], f"own{number}", force, parameters)
         inside = tuple(
             Output(f"state_{state.name}", state.unit, (Term(state.name, Symbol(state.name)),))
             for state in model.states
@@ -99,12 +109,14 @@ class GeneralPlant:
         substeps: int = 1,
         states: Floats | None = None,
         exact: bool | None = None,
+        own: OwnLaw = NO_OWN_LAW,
     ) -> Floats:
-        """Simulate several runs; of the laws the smooth forces count."""
+        """Simulate several runs; of the laws the smooth forces count, and forces of the user's own."""
         lanes = values.shape[0]
         signal = u[np.newaxis, :, np.newaxis] if u.ndim == 1 else (u[np.newaxis] if u.ndim == 2 else u)
         pushed = exact is False and self.port.velocity is not None
-        simulator = self._forced if pushed or states is not None else self._simulator
+        simulator = self._with_forces(own) if pushed or states is not None else self._simulator
+        names = [f"law_own{i}_{name}" for i, (_, _, given) in enumerate(own.terms) for name in given]
         runs = np.empty((lanes, signal.shape[1]))
         with self._one_at_a_time:  # the simulator holds the number of its steps
             simulator.substeps = substeps
@@ -113,6 +125,7 @@ class GeneralPlant:
                 if simulator is not self._simulator and self.port.velocity is not None:
                     law = laws[lane] if pushed else NO_LAW
                     named |= {f"law_{name}": float(law[LAW_NAMES.index(name)]) for name in _COEFFICIENTS}
+                    named |= dict(zip(names, laws[lane, NO_LAW.size :].tolist(), strict=True))
                 start = None if starts is None else starts[lane]
                 with np.errstate(all="ignore"):
                     found = simulator.run(named, signal[lane if signal.shape[0] > 1 else 0], start)

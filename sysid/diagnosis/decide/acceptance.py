@@ -2,21 +2,25 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from sysid.diagnosis.decide.alignment import chance_at_other_times
 from sysid.diagnosis.decide.decision import Trial
-from sysid.diagnosis.decide.evidence import block_separation, chance_of
+from sysid.diagnosis.decide.evidence import TIED, block_separation, chance_of, told_apart
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, SEEN_P_VALUE, Evidence
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.structures.structure import WHITE, StructureFit, filtered
 
-# Two candidates are tied when their errors differ by less than so many standard errors.
-TIED = 2.0
 # A further effect must explain this share of what all effects explain, or it is a detail of the first.  Less
 # is enough where only white noise is left after it, or where it explains so many times what is left, or so
 # much of the free-run error on held-out rows: a run that is lost without the first effect dwarfs all else.
 # Where everything is significant the latter is asked for, too.
 LEAST_SHARE, LARGE_STEP, LEAST_FALL = 0.01, 2.0, 0.1
+# The median of the absolute value of a normal variable of variance 1.
+NORMAL_MEDIAN = 0.6745
+# Behind a quantiser errors count up to so many times what most of them are.
+LARGEST_ERROR = 3.0
 # An effect may explain as much at one of a hundred other times.
 MOST_AT_OTHER_TIMES = 0.02
 
@@ -44,7 +48,7 @@ def is_accepted(
         and evidence.own_criterion(trial.fit) < evidence.own_criterion(current)
         and chance_under_own_noise(evidence, trial, current) < evidence.alpha
     )
-    if not agreed:
+    if not agreed or rests_on_few_rows(evidence, trial, current):
         return False
     if not _holds(evidence, trial, current):
         # What shows in the first rows alone, as the start of a play does, held-out rows cannot tell.
@@ -100,6 +104,27 @@ def chance_under_own_noise(evidence: Evidence, trial: Trial, current: StructureF
     after = evidence.refitted(trial.fit, trial.noise)
     left = min(evidence.cost(fit, trial.noise) for fit in (trial.fit, after) if fit.usable)
     return _chance(evidence, trial, current, evidence.cost(before, trial.noise), left)
+
+
+def rests_on_few_rows(evidence: Evidence, trial: Trial, current: StructureFit) -> bool:
+    """Tell whether an effect behind a quantiser, or beside one, does no more than move single rows.
+
+    Where the output is at the edge of a cell next to nothing moves a row to the other side of it, and one
+    such row may weigh as much as a hundred others: any freedom explains it.
+    """
+    assert trial.fit is not None
+    if not any(choice.effect.port == "output" and choice.form.jumps for choice in trial.fit.choices):
+        return False
+    before, after = (
+        filtered(evidence.residual(fit), evidence.rows, trial.noise.polynomial)
+        for fit in (current, trial.fit)
+    )
+    size = float(np.median(np.abs(after))) / NORMAL_MEDIAN
+    if size == 0.0:
+        return False
+    limit = LARGEST_ERROR * size
+    costs = (float(np.sum(np.clip(error, -limit, limit) ** 2)) for error in (before, after))
+    return _chance(evidence, trial, current, *costs) >= evidence.alpha
 
 
 def _chance_over_white(evidence: Evidence, trial: Trial, current: StructureFit) -> float:
@@ -179,7 +204,7 @@ def tied(evidence: Evidence, trials: Sequence[Trial]) -> tuple[str, ...]:
         for trial in trials[1:]
         if trial.fit is not None
         and is_significant(evidence, trial)
-        and block_separation(own, filtered(evidence.residual(trial.fit), rows, noise)) < TIED
+        and not told_apart(own, filtered(evidence.residual(trial.fit), rows, noise))
         and not (evidence.smooth and (1.0 - LEAST_FALL) * trial.validation > best.validation)
     ]
     return (best.name, *equals) if equals else ()

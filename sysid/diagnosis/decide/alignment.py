@@ -80,6 +80,7 @@ def chance_at_other_times(residual: Floats, tangent: Floats, change: Floats, slo
 
 def _share(residual: Floats, columns: Floats, Q: Floats) -> float:
     """Return the share of a residual that columns explain, beyond what an orthonormal basis does."""
+    # Eigenvectors of the small matrix are had four times as fast as a basis, which counts at 99 times.
     left, columns = without(residual, Q), without(columns, Q)
     values, vectors = np.linalg.eigh(columns.T @ columns)
     kept = values > DEPENDENT * values[-1]

@@ -7,7 +7,7 @@ from sysid.diagnosis.structures.work import Work, Working
 
 # Where one effect hides another, few fits beside what leaves least find both: they may begin up to so many
 # times the work after which no other stage does.
-PROMISING = 2.0
+PROMISING = 1.7
 
 
 @dataclass

@@ -93,7 +93,7 @@ class Growth:
                 tie = tied(evidence, found)
             if len(grown.choices) > n_given + 1:
                 grown = pruned(evidence, exchanged(self.trials, grown, n_kept), n_kept)
-            grown = freed(evidence, grown, n_kept)
+            grown = evidence.settled(freed(evidence, grown, n_kept))
             if evidence.own_criterion(grown) >= evidence.own_criterion(current):
                 break  # what was accepted has been exchanged or left out again
             fits = rungs_to(evidence.structure, evidence.rows, grown, baseline, n_given)

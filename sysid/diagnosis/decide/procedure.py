@@ -122,7 +122,7 @@ class Search:
 
     def _looks_at_other_rows(self, attempt: "Attempt", decision: Decision) -> bool:
         """Tell whether held-out rows show what others do not, and the search may go on to them."""
-        if decision.verdict == "not-identifiable" or not attempt.evidence.rows_disagree(decision.final):
+        if decision.verdict == "not-identifiable" or not _held_out_rows_show_more(attempt.evidence, decision):
             return False
         return decision.verdict != "unexplained" or self.allowance.permits()
 
@@ -401,6 +401,16 @@ class Attempt:
             p_value=evidence.memory_p_value(noise),
             validation=evidence.held_out_error(baseline, WHITE),
         )
+
+
+def _held_out_rows_show_more(evidence: Evidence, decision: Decision) -> bool:
+    """Tell whether held-out rows show something that the rows of the search do not."""
+    if evidence.rows_disagree(decision.final):
+        return True
+    if decision.verdict != "unexplained" or len(decision.final.choices) > len(decision.given):
+        return False
+    chance = evidence.left(decision.baseline, decision.final, evidence.rows)[0]
+    return chance >= LEFT_P_VALUE > decision.left_p_value
 
 
 def _burden(decision: Decision) -> tuple[bool, float]:

@@ -8,7 +8,9 @@ import numpy as np
 from sysid.data.record import Mask
 from sysid.diagnosis.decide.evidence import excess_in_blocks, orthonormal, remainder, without
 from sysid.diagnosis.decide.noise_colour import LARGEST_ORDER, Noise, noise_of
+from sysid.diagnosis.decide.remains import chance_by_likelihood, clearest
 from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.structures.probe_functions import families
 from sysid.diagnosis.structures.structure import WHITE, Effort, Structure, StructureFit, filtered
 
 # Without an effect something counts as seen under the residual's own colour with a chance below this.
@@ -87,7 +89,17 @@ class Evidence:
         several = len(final.choices) > self.n_given + 1 and plain.size > 1
         if not several and (final.choices or again.p_value >= SEEN_P_VALUE):
             p_value = max(p_value, again.p_value)
+        if plain.size > 1:
+            p_value = min(p_value, chance_by_likelihood(residual, tangent, probes, rows))
+        # One kind of effect alone shows more clearly by its own probes.
+        kinds = families(probes.shape[1])
+        whitened = (filtered(part, rows, plain) for part in (residual, tangent, probes))
+        residual_left, tangent_left, probes_left = whitened
+        by_kind, most = clearest(residual_left, tangent_left, probes_left, kinds)
         share = self._share_left(baseline, final, rows, colour, found.explained)
+        if by_kind < p_value:
+            p_value = by_kind
+            share = max(share, self._share_left(baseline, final, rows, plain, most.explained))
         if final.choices and colour.size > 1:
             # A colour lifts what is faint in the free run: what is next to nothing there is not missing.
             plainly = remainder(residual[rows], tangent[rows], probes[rows])
@@ -122,7 +134,11 @@ class Evidence:
             parts = (filtered(part, rows, noise) for part in (residual, tangent, probes))
             return remainder(*parts).p_value
 
-        return chance(structure.earlier_probes(fit)) > LEFT_P_VALUE > chance(structure.probes(fit))
+        earlier = structure.earlier_probes(fit)
+        if not chance(earlier) > LEFT_P_VALUE > chance(structure.probes(fit)):
+            return False
+        # An autoregression foresees any motion of few frequencies, so that its own colour hides every effect.
+        return chance_by_likelihood(residual, tangent, earlier, rows) > LEFT_P_VALUE
 
     def _share_left(
         self, baseline: StructureFit, final: StructureFit, rows: Mask, colour: Floats, left: float
@@ -202,6 +218,17 @@ class Evidence:
         if noise.order == 0:
             return fit
         return self.structure.fit(fit.choices, self.rows, noise.polynomial, fit, effort=Effort.REFIT)
+
+    def settled(self, fit: StructureFit) -> StructureFit:
+        """Return a fit moved to where it is best under the colour of its own residual.
+
+        It was searched for under the colour of what was left without it: far from its minimum, whatever gives
+        it more freedom seems to explain something.
+        """
+        noise = self.noise(fit)
+        moved = self.structure.fit(fit.choices, self.rows, noise.polynomial, fit, effort=Effort.REFIT)
+        better = moved.usable and self.criterion(moved, noise) < self.criterion(fit, noise)
+        return moved if better else fit
 
     def residual(self, fit: StructureFit) -> Floats:
         """Return measurement less free run, shape (n_samples,); zero where either is missing."""

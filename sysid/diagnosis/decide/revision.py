@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.diagnosis.decide.acceptance import TIED
-from sysid.diagnosis.decide.evidence import block_separation
+from sysid.diagnosis.decide.evidence import told_apart
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.decide.trials import Trials
 from sysid.diagnosis.structures.sides import freer_forms
@@ -83,7 +82,7 @@ def still_tied(trials: Trials, fit: StructureFit, tie: tuple[str, ...]) -> tuple
         if trial.fit is None:
             continue
         left = filtered(evidence.residual(trial.fit), rows, noise.polynomial)
-        if block_separation(own, left) < TIED:
+        if not told_apart(own, left):
             stand.append(trial)
     names = [trial.name for trial in sorted(stand, key=lambda trial: trial.criterion)]
     return (first, *names) if names else ()

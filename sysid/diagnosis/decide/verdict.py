@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
+from sysid.diagnosis.decide.innovations import foreseen
 from sysid.diagnosis.decide.modes import MODE, is_the_plant_again, rings
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, Evidence
 from sysid.diagnosis.structures.structure import WHITE, Effort, StructureFit, with_fine_steps
@@ -75,31 +76,31 @@ class Judge:
         coloured = evidence.noise_accepted(final, noise)
         accepted = _in_order(fits)
         composed = len(final.choices) > len(self.given) + 1
-        chance, share = LEFT_P_VALUE, LEFT_SHARE
-        rows = evidence.rows
-        if fits:
-            # All rows that may be learnt from: a trace is weaker than what the search stopped at.
-            rows = evidence.structure.record.learning
-            chance, share = TRACE_P_VALUE, TRACE_SHARE
-        if fits and coloured:
-            chance, share = SUSPECT_P_VALUE, SUSPECT_SHARE
-        if composed:
-            chance, share = SUSPECT_P_VALUE, TRACE_SHARE
-        if fits and evidence.smooth:
-            share = MOST_LEFT
+        # All rows that may be learnt from: a trace is weaker than what the search stopped at, and what varies
+        # in time shows better, or only, in more of it.
+        rows = evidence.structure.record.learning
+        chance, share = self._something_left(bool(fits), composed, coloured)
         left_p, left_share, floor = evidence.left(baseline, final, rows)
         period = evidence.structure.record.period
         stands_in = composed and not evidence.smooth and MODE in final.names
         stands_in = stands_in and (not rings(final) or is_the_plant_again(final, period))
         if fed_back:
             left_p, left_share, floor = 1.0, 0.0, float(np.sqrt(np.mean(evidence.residual(final)[rows] ** 2)))
-        if not fed_back and (stands_in or (left_p < chance and left_share > share)):
-            useful = explains_most(left_share)
+        lost = bool(fits) and self._lost(baseline, final)
+        if lost or (not fed_back and (stands_in or (left_p < chance and left_share > share))):
+            useful = explains_most(left_share) and not lost
             rungs = tuple(fits if useful else fits[: len(self.given)])
             return Decision(
                 "unexplained", baseline, rungs, tuple(accepted) if useful else self.given, trials, (), noise,
                 left_p, left_share, floor, tuple(accepted), self.given,
             )  # fmt: skip
+        if not fits and coloured:
+            told = foreseen(evidence.structure.record, rows, evidence.residual(final), noise.polynomial)
+            if told.plainly:  # a memory, but not that of a noise
+                return Decision(
+                    "unexplained", baseline, (), self.given, trials, (), noise, told.p_value, 1.0, floor,
+                    (), self.given,
+                )  # fmt: skip
         if self.memory_asked and coloured:
             accepted.append(NOISE_EFFECT)
         verdict = "missing-effect" if fits else ("coloured-noise" if accepted else "nothing-missing")
@@ -107,6 +108,26 @@ class Judge:
             verdict, baseline, tuple(fits), tuple(accepted), trials, tie, noise, left_p, left_share, floor,
             (), self.given, fed_back,
         )  # fmt: skip
+
+    def _lost(self, baseline: StructureFit, final: StructureFit) -> bool:
+        """Tell whether effects have brought nothing: the plant is lost on held-out rows as without them."""
+        evidence = self.evidence
+        y = evidence.structure.record.y[evidence.held_out, 0]
+        before, after = (evidence.held_out_error(fit, WHITE) for fit in (baseline, final))
+        return after > max(before, float(np.nanstd(y)))
+
+    def _something_left(self, effects: bool, composed: bool, coloured: bool) -> tuple[float, float]:
+        """Return below which chance and above which share of the explainable something is left.
+
+        Of a model with ``effects`` or without, of two or more that are ``composed``, with noise that is
+        ``coloured``.
+        """
+        if not effects:
+            return LEFT_P_VALUE, LEFT_SHARE
+        chance = SUSPECT_P_VALUE if composed or coloured else TRACE_P_VALUE
+        if self.evidence.smooth:
+            return chance, MOST_LEFT
+        return chance, SUSPECT_SHARE if coloured and not composed else TRACE_SHARE
 
     def _polished(self, fits: Sequence[StructureFit]) -> Sequence[StructureFit]:
         """Refit the last model by its plain error where the noise seems to have a memory.

@@ -184,6 +184,11 @@ class Form:
     families: tuple[str, ...] = FAMILIES
 
     @property
+    def jumps(self) -> bool:
+        """Whether an output map follows its input on the whole, but by jumps."""
+        return not self.smooth and self.slope == "identity"
+
+    @property
     def shapes(self) -> tuple[int, ...]:
         """Positions of the shape parameters."""
         return tuple(i for i, p in enumerate(self.parameters) if not p.is_strength)
@@ -216,6 +221,8 @@ class Effect:
         Kinds of models it makes sense for: ``"linear"``, ``"physics"``.
     dry : bool
         Whether a force jumps with the direction of motion, so that the body can stick.
+    definition : str
+        The TOML table that it was read from, as JSON, by which a saved model knows it.
     """
 
     name: str
@@ -228,6 +235,7 @@ class Effect:
     forms: tuple[Form, ...]
     families: tuple[str, ...] = FAMILIES
     dry: bool = False
+    definition: str = ""
 
     @property
     def found_by(self) -> tuple[Form, ...]:

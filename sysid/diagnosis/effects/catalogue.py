@@ -1,5 +1,6 @@
 """The list of effects: built in, installed by entry point, read from TOML, or added in Python."""
 
+import json
 import tomllib
 from collections.abc import Sequence
 from functools import lru_cache
@@ -94,18 +95,27 @@ def read_effects(path: Path) -> tuple[Effect, ...]:
     Grid(scale='output deviation', points=(0.5, 1.0, 2.0))
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        return effects_in(path.read_text(encoding="utf-8"), str(path))
     except OSError as problem:
         raise ModelError(f"{path} cannot be read ({problem.strerror}): give a TOML file of effects") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        raise ModelError(f"{path} is not TOML ({problem}): see `sysid effects --help`") from None
+    except UnicodeDecodeError as problem:
+        raise ModelError(f"{path} is not TOML ({problem}): see `sysid effects --template input`") from None
+
+
+def effects_in(text: str, source: str) -> tuple[Effect, ...]:
+    """Return the effects in the text of a TOML file; ``source`` is named in errors."""
     try:
-        return checked([_from_table(name, table) for name, table in content.items()])
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as problem:
+        raise ModelError(f"{source} is not TOML ({problem}): see `sysid effects --template input`") from None
+    try:
+        return checked([effect_of_table(name, table) for name, table in content.items()])
     except ModelError as problem:
-        raise ModelError(f"{path}: {problem}") from None
+        raise ModelError(f"{source}: {problem}") from None
 
 
-def _from_table(name: str, table: Any) -> Effect:
+def effect_of_table(name: str, table: Any) -> Effect:
+    """Return the effect that a table of a TOML file defines."""
     if not isinstance(table, dict) or not isinstance(table.get("expression"), str):
         raise ModelError(f"effect {name!r}: give a table with port, expression and parameters")
     known = {"port", "expression", "parameters", "families", "smooth", *_TEXTS}
@@ -122,7 +132,10 @@ def _from_table(name: str, table: Any) -> Effect:
         str(table.get(key, expression if key == "equation" else "")) for key in _TEXTS
     )
     families = tuple(table.get("families", ("linear", "physics")))
-    return Effect(name, port, mechanism, equation, signature, look_alikes, reference, (form,), families)
+    return Effect(
+        name, port, mechanism, equation, signature, look_alikes, reference, (form,), families,
+        definition=json.dumps(table),
+    )  # fmt: skip
 
 
 def _parameter(effect: str, name: str, entry: Any) -> EffectParameter:

@@ -15,7 +15,7 @@ from sysid.diagnosis.effects.base import Effect, Floats, Form, Map
 
 # A drive gives the input that acts, from the input, position (or output), speed and parameters.
 Drive = Callable[[float, float, float, Floats], float]
-_LIBRARY = "import numpy as np\n\n\n"
+_LIBRARY = "import numpy as np\n\n# Divided by zero, a number is infinite.\n\n\n"
 
 
 def drive_of(effect: Effect, form: Form) -> Drive:
@@ -36,27 +36,13 @@ def drive_of(effect: Effect, form: Form) -> Drive:
 @lru_cache(maxsize=256)
 def pointer_of(drive: Drive) -> Any:
     """Return a drive as kernels take it: by its address, looked up once."""
-    from numba import types
     from numba.experimental import function_type
+
+    from sysid._compile import pointer
 
     kind = drive_signature()
     address_of: Any = function_type._get_wrapper_address
-    address = int(address_of(drive, kind))
-
-    class Pointer:
-        """The address of a compiled drive, which it keeps alive."""
-
-        law = drive
-        # numba reads its type here; it would build the type anew in every call otherwise.
-        _numba_type_ = types.FunctionType(kind)
-
-        def __wrapper_address__(self) -> int:
-            return address
-
-        def signature(self) -> Any:
-            return kind
-
-    return Pointer()
+    return pointer(drive, kind, int(address_of(drive, kind)))
 
 
 @lru_cache(maxsize=256)
@@ -161,5 +147,5 @@ def _compiled(source: str, signature: Any) -> Any:
     namespace: dict[str, Any] = {"__name__": __name__, "np": np}
     file = str(path) if path else f"<law {hashlib.sha256(source.encode()).hexdigest()[:16]}>"
     exec(compile(source, file, "exec"), namespace)
-    compiler: Any = numba.njit(signature, cache=path is not None, nogil=True)
+    compiler: Any = numba.njit(signature, cache=path is not None, nogil=True, error_model="numpy")
     return compiler(namespace["law"])

@@ -9,6 +9,7 @@ from sysid.diagnosis.structures.pointwise import check_pointwise
 from sysid.errors import ModelError
 from sysid.physics import forced_kernels as fk
 from sysid.physics.forced import MOST_STATES, ForcedPlant
+from sysid.physics.own_laws import kernel_of
 
 if TYPE_CHECKING:
     from sysid.diagnosis.export.saved_physics import SavedPhysicalModel
@@ -25,7 +26,8 @@ def control_system(saved: "SavedPhysicalModel") -> Any:
         )
     check_pointwise(saved.choices)
     plants, by_input, direct = plant.coefficients(saved.values[np.newaxis], saved.law[np.newaxis])
-    w, n, port = plants[0], plant.order, plant.port
+    w, n, port, own = plants[0], plant.order, plant.port, kernel_of(saved.own_law)
+    w[fk.OWN] = float(bool(saved.own_law.terms))
     dry = bool((w[[fk.FRICTION_FORWARD, fk.FRICTION_BACK]] > 0.0).any() or w[fk.BREAKAWAY] != 0.0)
     contact = bool(w[fk.YIELD] > 0.0)
 
@@ -42,8 +44,8 @@ def control_system(saved: "SavedPhysicalModel") -> Any:
         w[fk.DRIVE : fk.DRIVE + MOST_STATES] = by_input[0] @ np.concatenate([first, u[1:]])
         z, mode = state(x), fk.SMOOTH
         if dry:
-            mode = fk.mode_at_zero(w, n, plant.same, z) if z[0] == 0.0 else int(np.sign(z[0]))
-        rates = np.array(fk.kept(fk.rates(w, n, plant.same, z, mode), mode))
+            mode = fk.mode_at_zero(w, n, plant.same, z, own) if z[0] == 0.0 else int(np.sign(z[0]))
+        rates = np.array(fk.kept(fk.rates(w, n, plant.same, z, mode, own), mode))
         if port.levels and z[0] >= w[fk.FIRST_CAP]:
             rates[1] += w[fk.CAUGHT] * max(rates[0], 0.0)
         for place, cap in enumerate((fk.FIRST_CAP, fk.SECOND_CAP)):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.effects.catalogue import find_effects
+from sysid.diagnosis.export.saved_effects import SavedEffect, read_saved_effects, saved_effects
 from sysid.diagnosis.export.saved_physics import KIND as PHYSICAL
 from sysid.diagnosis.export.saved_physics import SavedPhysicalModel, saved_physical_model
 from sysid.diagnosis.ladder import DiagnosedModel
@@ -19,7 +19,6 @@ from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.linear.structure import LinearStructure
 from sysid.diagnosis.physics.structure import PhysicsStructure
 from sysid.diagnosis.structures.pointwise import check_pointwise
-from sysid.diagnosis.structures.structure import Choice
 from sysid.errors import DataError, ModelError, SysidError, UsageError
 
 SCHEMA = 1
@@ -38,15 +37,14 @@ class SavedModel:
     constant : float
     period : float
         Sampling period [s].
-    effects : tuple of (str, str, dict)
-        Name, form and parameters of each effect.
+    effects : tuple of SavedEffect
     """
 
     a: tuple[float, ...]
     b: tuple[float, ...]
     constant: float
     period: float
-    effects: tuple[tuple[str, str, dict[str, float]], ...]
+    effects: tuple[SavedEffect, ...]
 
     def simulate(self, u: ArrayLike) -> Floats:
         """Return the free run from rest for an input, shape (n_samples,)."""
@@ -60,16 +58,8 @@ class SavedModel:
         return run.y
 
     def _chain(self) -> tuple[Chain, Floats]:
-        effects = find_effects([name for name, _, _ in self.effects])
-        choices = [
-            Choice(effect, effect.form(form))
-            for effect, (_, form, _) in zip(effects, self.effects, strict=True)
-        ]
-        own = [
-            values[p.name]
-            for choice, (_, _, values) in zip(choices, self.effects, strict=True)
-            for p in choice.form.parameters
-        ]
+        choices = [effect.choice for effect in self.effects]
+        own = [value for effect in self.effects for value in effect.values]
         chain = Chain(len(self.a), choices, constant=True, free_start=False)
         return chain, np.array([*self.a, *self.b, self.constant, *own])
 
@@ -82,7 +72,7 @@ class SavedModel:
             "a": list(self.a),
             "b": list(self.b),
             "constant": self.constant,
-            "effects": [{"name": n, "form": f, "parameters": p} for n, f, p in self.effects],
+            "effects": [effect.to_json() for effect in self.effects],
         }
 
     def to_control(self) -> Any:
@@ -151,17 +141,7 @@ def saved_model(model: DiagnosedModel) -> SavedModel | SavedPhysicalModel:
         raise UsageError(f"the model {structure.name!r} is of your own class: save it by its own means")
     n = structure.order
     chain, data = structure.chain(fit.choices), structure.data(fit.rows)
-    effects = tuple(
-        (
-            choice.name,
-            choice.form.name,
-            dict(zip([p.name for p in choice.form.parameters], values, strict=True)),
-        )
-        for choice, values in (
-            (choice, [float(v) for v in fit.point[place]])
-            for choice, place in zip(chain.choices, chain.places(data), strict=True)
-        )
-    )
+    effects = saved_effects(chain.choices, [fit.point[place].tolist() for place in chain.places(data)])
     return SavedModel(
         tuple(fit.point[:n].tolist()),
         tuple(fit.point[n : 2 * n].tolist()),
@@ -194,10 +174,7 @@ def load(path: Path) -> SavedModel | SavedPhysicalModel:
         content = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text)
         if content["kind"] not in (KIND, PHYSICAL) or content["schema"] != SCHEMA:
             raise DataError(f"{path} is no model of this version: save it again")
-        effects = tuple(
-            (str(e["name"]), str(e["form"]), {str(k): float(v) for k, v in e["parameters"].items()})
-            for e in content["effects"]
-        )
+        effects = read_saved_effects(content["effects"])
         if content["kind"] == PHYSICAL:
             period, steps = float(content["period"]), int(content["substeps"])
             found = SavedPhysicalModel(str(content["model"]), period, str(content["hold"]), steps, effects)
@@ -223,8 +200,10 @@ def _toml_text(saved: SavedModel | SavedPhysicalModel) -> str:
     lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in plain.items()]
     if not saved.effects:
         lines.append("effects = []")
-    for name, form, parameters in saved.effects:
-        lines += ["", "[[effects]]", f'name = "{name}"', f'form = "{form}"']
-        inner = ", ".join(f"{key} = {value!r}" for key, value in parameters.items())
+    for effect in saved.effects:
+        lines += ["", "[[effects]]", f'name = "{effect.name}"', f'form = "{effect.form}"']
+        inner = ", ".join(f"{key} = {value!r}" for key, value in effect.parameters.items())
         lines.append(f"parameters = {{ {inner} }}" if inner else "parameters = {}")
+        if effect.definition:
+            lines.append(f"definition = {json.dumps(effect.definition)}")
     return "\n".join(lines) + "\n"

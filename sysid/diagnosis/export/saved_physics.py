@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.effects.catalogue import find_effects
+from sysid.diagnosis.export.saved_effects import SavedEffect, saved_effects
 from sysid.diagnosis.ladder import DiagnosedModel
-from sysid.diagnosis.physics.laws import INNER, SWITCHES, coefficients, with_level
+from sysid.diagnosis.physics.laws import INNER, coefficients, own_law
 from sysid.diagnosis.physics.problem import COARSE_STEP, problem_of
 from sysid.diagnosis.physics.setting import Plant
 from sysid.diagnosis.physics.structure import PhysicsStructure
@@ -19,6 +19,7 @@ from sysid.errors import ModelError
 from sysid.physics.forced import ForcedPlant
 from sysid.physics.general import GeneralPlant, is_general
 from sysid.physics.model import Model
+from sysid.physics.own_laws import OwnLaw
 from sysid.physics.reading import read_model
 from sysid.physics.writing import model_text
 
@@ -40,15 +41,14 @@ class SavedPhysicalModel:
         How the input goes on between samples.
     substeps : int
         Runge-Kutta steps in a sample.
-    effects : tuple of (str, str, dict)
-        Name, form and parameters of each effect.
+    effects : tuple of SavedEffect
     """
 
     definition: str
     period: float
     hold: str
     substeps: int
-    effects: tuple[tuple[str, str, dict[str, float]], ...]
+    effects: tuple[SavedEffect, ...]
 
     @cached_property
     def model(self) -> Model:
@@ -65,26 +65,22 @@ class SavedPhysicalModel:
     @cached_property
     def choices(self) -> tuple[Choice, ...]:
         """The effects in their forms."""
-        found = []
-        for name, form, values in self.effects:
-            (effect,) = find_effects([name])
-            effect = with_level(effect) if name in SWITCHES and "level" in values else effect
-            found.append(Choice(effect, effect.form(form)))
-        return tuple(found)
+        return tuple(effect.choice for effect in self.effects)
 
     @cached_property
     def own(self) -> tuple[Floats, ...]:
         """Parameters of each effect, in the order of its form."""
-        parameters = [[p.name for p in choice.form.parameters] for choice in self.choices]
-        return tuple(
-            np.array([values[name] for name in names])
-            for names, (_, _, values) in zip(parameters, self.effects, strict=True)
-        )
+        return tuple(np.array(effect.values) for effect in self.effects)
 
     @cached_property
     def law(self) -> Floats:
         """Coefficients of the effects inside the dynamics."""
         return coefficients(self.choices, self.own)
+
+    @cached_property
+    def own_law(self) -> OwnLaw:
+        """Forces and gains of the user's own."""
+        return own_law(self.choices)
 
     @property
     def values(self) -> Floats:
@@ -104,7 +100,9 @@ class SavedPhysicalModel:
         driven = np.column_stack([self.applied("input", first), driven[:, 1:]])
         laws = self.law[np.newaxis]
         plant = self.plant
-        y = plant.run(self.values[np.newaxis], laws, driven, None, self.substeps, exact=self.exact)[0]
+        y = plant.run(
+            self.values[np.newaxis], laws, driven, None, self.substeps, None, self.exact, self.own_law
+        )[0]
         for choice, p in zip(self.choices, self.own, strict=True):
             if choice.effect.port == "parallel" and choice.form.apply is not None:
                 y = y + choice.form.apply(first, p, self.period)
@@ -129,7 +127,7 @@ class SavedPhysicalModel:
             "period": self.period,
             "hold": self.hold,
             "substeps": self.substeps,
-            "effects": [{"name": n, "form": f, "parameters": p} for n, f, p in self.effects],
+            "effects": [effect.to_json() for effect in self.effects],
         }
 
     def to_control(self) -> Any:
@@ -157,14 +155,7 @@ def saved_physical_model(model: DiagnosedModel) -> SavedPhysicalModel:
     setting, plant = structure.setting, structure.plant
     problem, values = problem_of(setting, fit), setting.values_of(fit.point)
     named = dict(zip(plant.names, values.tolist(), strict=True))
-    effects = tuple(
-        (
-            choice.name,
-            choice.form.name,
-            dict(zip([p.name for p in choice.form.parameters], fit.point[place].tolist(), strict=True)),
-        )
-        for choice, place in zip(problem.choices, problem.effect_places, strict=True)
-    )
+    effects = saved_effects(problem.choices, [fit.point[place].tolist() for place in problem.effect_places])
     stepped = plant.always_steps or not problem.exact
     steps = plant.substeps(values, COARSE_STEP)[0] if stepped else 1
     text = model_text(structure.model.with_values(named))

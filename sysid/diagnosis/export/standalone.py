@@ -1,7 +1,9 @@
 """Write a model with effects as Python source that needs NumPy alone."""
 
+import json
 from typing import TYPE_CHECKING
 
+from sysid.diagnosis.structures.structure import Choice
 from sysid.errors import ModelError
 
 if TYPE_CHECKING:
@@ -90,22 +92,20 @@ _HELPERS = {
 
 def source(model: "SavedModel") -> str:
     """Return the source of ``simulate(u)``."""
-    from sysid.diagnosis.effects.catalogue import find_effects
-
     ports: dict[str, list[str]] = {"input": [], "parallel": [], "output": [], "drive": []}
-    forced = any(effect.port in ("force", "gain") for effect in find_effects([e[0] for e in model.effects]))
+    choices = [effect.choice for effect in model.effects]
+    forced = any(choice.effect.port in ("force", "gain") for choice in choices)
     direct = None
-    for name, form, values in model.effects:
-        (effect,) = find_effects([name])
-        if forced and effect.form(form).inside:
-            (direct,) = values.values()
-            continue
-        numbers = [values[p.name] for p in effect.form(form).parameters]
-        if effect.port in ("force", "gain"):
-            sign = "-=" if effect.port == "force" else "*="
-            ports["drive"].append(f"        acting {sign} {_law(effect.form(form).expression, values)}\n")
+    for saved, choice in zip(model.effects, choices, strict=True):
+        port = choice.effect.port
+        if forced and choice.form.inside:
+            (direct,) = saved.values
+        elif port in ("force", "gain"):
+            sign = "-=" if port == "force" else "*="
+            law = _law(choice.form.expression, saved.parameters)
+            ports["drive"].append(f"        acting {sign} {law}\n")
         else:
-            ports[effect.port].append(f"    p = {numbers!r}\n    s = {map_source(name, form)}\n")
+            ports[port].append(f"    p = {saved.values!r}\n    s = {map_source(choice)}\n")
     adds = [part + "    y = y + s\n" for part in ports["parallel"]]
     maps = "".join([*ports["input"], *ports["parallel"], *ports["output"]])
     functions = helpers_for(maps)
@@ -152,11 +152,25 @@ def _acting(drive: str, direct: float | None) -> str:
     )
 
 
-def map_source(name: str, form: str) -> str:
+def map_source(choice: Choice) -> str:
     """Return what an effect makes of a sequence ``s``, with parameters ``p`` and sampling period ``T``."""
-    if (name, form) not in _MAPS:
-        raise ModelError(f"effect {name!r} is not one of the built-in ones: save the model as JSON instead")
-    return _MAPS[name, form]
+    if choice.effect.definition:
+        return _own_map(choice)
+    if (choice.name, choice.form.name) not in _MAPS:
+        raise ModelError(
+            f"effect {choice.name!r} is not one of the built-in ones: save the model as JSON instead"
+        )
+    return _MAPS[choice.name, choice.form.name]
+
+
+def _own_map(choice: Choice) -> str:
+    """Return the map of an effect that was read from TOML, sample by sample."""
+    from sysid.physics.expressions import code
+    from sysid.physics.grammar import parse
+
+    expression = json.loads(choice.effect.definition)["expression"]
+    inside = {"s": "value"} | {p.name: f"p[{i}]" for i, p in enumerate(choice.form.parameters)}
+    return f"np.array([{code(parse(expression, set(inside)), inside)} for value in s])"
 
 
 def helpers_for(maps: str) -> list[str]:

@@ -14,6 +14,7 @@ from sysid.diagnosis.physics.laws import SWITCHES
 from sysid.errors import ModelError
 from sysid.physics import forced_kernels as fk
 from sysid.physics.forced import MOST_STATES, ForcedPlant
+from sysid.physics.own_laws import source_of
 
 if TYPE_CHECKING:
     from sysid.diagnosis.export.saved_physics import SavedPhysicalModel
@@ -27,8 +28,8 @@ _FORCED = (
 _NUMBERS = (
     "A", "STEADY", "DRIVE", "PUSH", "READ", "FRICTION_FORWARD", "FRICTION_BACK", "BREAKAWAY",
     "STRIBECK_SPEED", "DRAG", "CUBIC", "GRAVITY", "WAVE_NUMBER", "CONSTANT", "ELASTIC", "YIELD", "GAIN",
-    "GAIN_SCALE", "FIRST_POWER", "SECOND_POWER", "FIRST_CAP", "SECOND_CAP", "CAUGHT", "LOOP_BEND", "SIZE",
-    "SMOOTH", "STUCK", "MOST_STATES", "MOST_EVENTS", "MOST_CHATTER", "ROOT_STEPS", "EVENT_TOLERANCE",
+    "GAIN_SCALE", "FIRST_POWER", "SECOND_POWER", "FIRST_CAP", "SECOND_CAP", "CAUGHT", "LOOP_BEND", "OWN",
+    "SIZE", "SMOOTH", "STUCK", "MOST_STATES", "MOST_EVENTS", "MOST_CHATTER", "ROOT_STEPS", "EVENT_TOLERANCE",
 )  # fmt: skip
 
 
@@ -39,6 +40,7 @@ def source(saved: "SavedPhysicalModel") -> str:
         kind = "is not linear in its states" if plant.hold == "zero" else "takes its input as smooth"
         raise ModelError(f"model {saved.model.name!r} {kind}: save it as JSON instead")
     plants, by_input, direct = plant.coefficients(saved.values[np.newaxis], saved.law[np.newaxis])
+    plants[:, fk.OWN] = float(bool(saved.own_law.terms))
     start = np.zeros(MOST_STATES)
     start[: plant.order] = np.array([state.rest for state in saved.model.states])[list(plant.states_first)]
     maps = {port: _maps(saved, port) for port in ("input", "parallel", "output")}
@@ -58,6 +60,7 @@ def source(saved: "SavedPhysicalModel") -> str:
         "\n",
         *helpers_for("".join(maps.values())),
         *(_plain(name) + "\n" for name in names),
+        *([] if saved.exact else [_own(saved)]),
         _SIMULATE.format(
             inner=_RUN_LINEAR if saved.exact else _RUN_FORCED, **{k: v or "" for k, v in maps.items()}
         ),
@@ -66,7 +69,9 @@ def source(saved: "SavedPhysicalModel") -> str:
 
 
 _RUN_LINEAR = "linear_runs(PLANT, N, BY_INPUT, DIRECT, driven, START, T, y, inner)"
-_RUN_FORCED = "forced_runs(PLANT, N, SAME, BY_INPUT, DIRECT, driven, START, T / SUBSTEPS, SUBSTEPS, y, inner)"
+_RUN_FORCED = (
+    "forced_runs(PLANT, N, SAME, BY_INPUT, DIRECT, driven, START, T / SUBSTEPS, SUBSTEPS, y, inner, own)"
+)
 _SIMULATE = '''
 def simulate(u):
     """Return the output for an input, from rest; several inputs as columns."""
@@ -82,6 +87,12 @@ def simulate(u):
 '''
 
 
+def _own(saved: "SavedPhysicalModel") -> str:
+    """Return the source of the user's own laws."""
+    text = source_of(saved.own_law)
+    return text[text.index("def ") :]
+
+
 def _maps(saved: "SavedPhysicalModel", port: str) -> str:
     lines = []
     for choice, p in zip(saved.choices, saved.own, strict=True):
@@ -89,7 +100,7 @@ def _maps(saved: "SavedPhysicalModel", port: str) -> str:
             continue
         levelled = choice.name in SWITCHES and choice.form.parameters[-1].name == "level"
         numbers = p[:-1].tolist() if levelled else p.tolist()
-        text = map_source(choice.name, choice.form.name)
+        text = map_source(choice)
         text = f"{p[-1]!r} * ({text})" if levelled else text
         lines += [f"    p = {numbers!r}", f"    s = {text}"]
         if port == "parallel":

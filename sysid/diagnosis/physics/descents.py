@@ -24,6 +24,9 @@ AGREEMENT, OUTPUT_AGREEMENT = 1e-3, 0.05
 # What a model that lacks an effect cannot follow has many minima next to the best: after many restarts these
 # may differ by a hundredth of the squared error.
 NEARLY, NEARLY_SAME_OUTPUT = 5e-3, 0.1
+# A value that was given is within some 20 %; it counts as one observed with this error, in logarithms, and
+# while it moved by less than NEAR no other minimum is worth a search.
+GIVEN_WITHIN, NEAR = 0.5, 0.25
 
 
 def descents(problem: Problem, starts: Sequence[Floats]) -> list[Minimum[Residual]]:
@@ -46,11 +49,15 @@ def ends_beside(
 ) -> list[Minimum[Residual]]:
     """Search from the best points of the grid, around the fit so far and around the nominal values.
 
-    Searches that come to an end that a coarser search has ``found`` stop there.
+    Searches that come to an end that a coarser search has ``found`` stop there.  Nothing is returned where
+    the model diverges from all of these points.
     """
     tried = [*found, *_tried_beside(problem, before, known, new, effort, found)]
     if not tried:
-        tried = [problem.descend(problem_point(problem, before, known), 2, TOLERANCES[effort])]
+        end = problem.descend_if_finite(problem_point(problem, before, known), 2, TOLERANCES[effort])
+        if end is None:
+            return []
+        tried = [end]
     ends: list[Minimum[Residual]] = []
     for end in different(sorted(tried, key=cost_of))[: DESCENTS[effort]]:
         if not end.status.converged and not any(end is other for other in found):
@@ -107,8 +114,24 @@ def _centres(problem: Problem, before: Problem, known: Floats) -> list[Floats]:
     nominal = known.copy()
     nominal[: before.n_model] = problem.setting.nominal
     if not np.allclose(nominal, known, rtol=1e-3):
-        centres.append(nominal)
+        centres.append(_nearer(before, nominal))
     return centres
+
+
+def _nearer(problem: Problem, nominal: Floats) -> Floats:
+    """Return the nominal values with the initial states of a fit, or from rest if that comes nearer.
+
+    A plant that has run off with its parameters may start anywhere: with a time constant of nothing, the
+    speed of the first sample is of no account.
+    """
+    if problem.n_starts == 0:
+        return nominal
+    resting = nominal.copy()
+    resting[problem.n_model + problem.n_effects :] = np.tile(problem.setting.rest, len(problem.parts))
+    with np.errstate(all="ignore"):
+        errors = problem.errors(np.array([nominal, resting]))
+        costs = np.nan_to_num(np.einsum("ij,ij->i", errors, errors), nan=np.inf)
+    return resting if costs[1] < costs[0] else nominal
 
 
 def cost_of(end: Minimum[Residual]) -> float:
@@ -124,6 +147,40 @@ def agree(ends: Sequence[Minimum[Residual]]) -> bool:
 def nearly_agree(ends: Sequence[Minimum[Residual]]) -> bool:
     """Tell whether another of many searches ended next to the best."""
     return sum(_same(ends[0], end, NEARLY, NEARLY_SAME_OUTPUT) for end in ends) > 1
+
+
+def likeliest(problem: Problem, ends: Sequence[Minimum[Residual]]) -> Minimum[Residual]:
+    """Return the end of least error, the start values counting as observations.
+
+    Two tanks whose outflows change places, and the gain with them, have the same output: the record says
+    nothing of which is which, the values that were given do.
+    """
+    variance = max(min(end.cost for end in ends) / max(problem.target.size - problem.size, 1), 1e-300)
+
+    def squares(end: Minimum[Residual]) -> float:
+        return end.cost / variance + float(np.sum((_moved_by(problem, end.x) / GIVEN_WITHIN) ** 2))
+
+    return min(ends, key=squares)
+
+
+def likelier_from_start_values(problem: Problem, point: Floats) -> Floats:
+    """Return where a search ended, or where one from the start values ends if that is likelier."""
+    if np.abs(_moved_by(problem, point)).max(initial=0.0) < NEAR:
+        return point
+    given = point.copy()
+    given[: problem.n_model] -= _moved_by(problem, point)
+    here = problem.descend(point, EVALUATIONS[Effort.REFIT], TOLERANCES[Effort.REFIT])
+    there = problem.descend_if_finite(given, EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE])
+    if there is None or likeliest(problem, [here, there]) is here:
+        return point
+    return there.x
+
+
+def _moved_by(problem: Problem, point: Floats) -> Floats:
+    """Return how far the parameters of which a value was given are from it, in logarithms."""
+    searched = problem.setting.searched
+    given = np.array([p.positive and p.status == "uncertain" for p in searched], dtype=bool)
+    return np.where(given, point[: problem.n_model] - problem.setting.nominal, 0.0)
 
 
 def different(ends: Sequence[Minimum[Residual]]) -> list[Minimum[Residual]]:

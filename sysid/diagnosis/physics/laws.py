@@ -9,6 +9,7 @@ import numpy as np
 from sysid.diagnosis.effects.base import Effect, EffectParameter, Floats, Grid, Map
 from sysid.diagnosis.structures.structure import Choice
 from sysid.physics.forced import law
+from sysid.physics.own_laws import OwnLaw
 
 Coefficients = dict[str, float]
 _LARGEST_WAVES = 1e9
@@ -58,8 +59,25 @@ def has_law(effect: Effect) -> bool:
     return effect.name in _LAWS and effect in BUILT_IN
 
 
+def is_own(effect: Effect) -> bool:
+    """Tell whether a force or gain is a law of the user's own, without a memory."""
+    inside = effect.port in ("force", "gain") and not has_law(effect)
+    return inside and not any(form.state for form in effect.forms)
+
+
+def own_law(choices: Sequence[Choice]) -> OwnLaw:
+    """Return the laws of the user's own among some effects."""
+    return OwnLaw(
+        tuple(
+            (choice.effect.port, choice.form.expression, tuple(p.name for p in choice.form.parameters))
+            for choice in choices
+            if is_own(choice.effect)
+        )
+    )
+
+
 def coefficients(choices: Sequence[Choice], parameters: Sequence[Floats]) -> Floats:
-    """Return the law of a sum of effects, shape (18,).
+    """Return the law of a sum of effects, then the parameters of the user's own, shape (19 or more,).
 
     Examples
     --------
@@ -70,12 +88,16 @@ def coefficients(choices: Sequence[Choice], parameters: Sequence[Floats]) -> Flo
     array([ 2. ,  2. , -0.5])
     """
     total: Coefficients = {}
+    own: list[float] = []
     for choice, p in zip(choices, parameters, strict=True):
+        if is_own(choice.effect):
+            own += p.tolist()
+            continue
         if choice.name not in _LAWS:
             continue
         for name, value in _LAWS[choice.name](p).items():
             total[name] = total.get(name, 0.0) + value if name in _SUMS else value
-    return law(**total)
+    return np.concatenate([law(**total), own])
 
 
 def lower_bound(effect: Effect, parameter: EffectParameter, sizes: Mapping[str, float]) -> float:
@@ -106,6 +128,11 @@ def with_level(effect: Effect) -> Effect:
         if form.apply is not None
     )
     return replace(effect, forms=forms)
+
+
+def is_switch_without_level(choice: Choice) -> bool:
+    """Tell whether an effect switches between values whose size is left to the model's gain."""
+    return choice.name in SWITCHES and all(p.name != "level" for p in choice.form.parameters)
 
 
 def _levelled(apply: Map) -> Map:

@@ -1,16 +1,22 @@
 """What the point of a physical problem says to a reader: named parameters and their standard errors."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics.cells import read_cells
 from sysid.diagnosis.physics.evaluation import finite
+from sysid.diagnosis.physics.laws import is_switch_without_level, with_level
 from sysid.diagnosis.physics.problem import Problem
-from sysid.diagnosis.structures.structure import FittedParameter
+from sysid.diagnosis.structures.structure import Choice, FittedParameter
 
 # Singular values below this share of the largest belong to directions that the output does not show,
 # unknowns with more than this share in such a direction have no standard error.
 UNSEEN, LOOSE = 1e-9, 1e-2
+# Of the steps of a search's slopes: so far to each side of a minimum the mean slope is taken.
+WIDER = 100.0
+# A level that the other unknowns can take up to this share of its effect is one with them.
+SAME_DIRECTION = 1e-3
 
 
 def named_parameters(problem: Problem, x: Floats, errors: Floats) -> tuple[FittedParameter, ...]:
@@ -41,8 +47,7 @@ def standard_errors(problem: Problem, point: Floats) -> Floats:
     -------
     ndarray, shape (n_unknowns,)
     """
-    with np.errstate(all="ignore"):
-        J = finite(problem.jacobian(point))
+    J = slopes_of_both_sides(problem, point)
     error = problem.residual(point)
     scale = np.linalg.norm(J, axis=0)
     lost = scale == 0.0
@@ -56,4 +61,59 @@ def standard_errors(problem: Problem, point: Floats) -> Floats:
     if cells is not None:
         errors *= cells.widening(problem.size)
         errors[problem.effect_places[-1].start] = cells.step_error
+    errors[_relative_to_a_level(problem, point)] = np.inf
     return np.asarray(errors)
+
+
+def slopes_of_both_sides(problem: Problem, point: Floats) -> Floats:
+    """Return the Jacobian by central differences.
+
+    A minimum is often where a level just reaches its limit, or a body just stops: there the output has a
+    kink.  Slopes that are each taken to one side, some before the kink and some behind it, make unknowns look
+    well known that can move together without any change.
+    """
+    lower, upper = problem.bounds
+    _, steps = problem.shifted(point, range(problem.size))
+    ahead = np.minimum(point + WIDER * np.abs(steps), upper)
+    behind = np.maximum(point - WIDER * np.abs(steps), lower)
+    points = np.tile(point, (2 * point.size, 1))
+    lanes = np.arange(point.size)
+    points[lanes, lanes], points[point.size + lanes, lanes] = ahead, behind
+    with np.errstate(all="ignore"):
+        errors = problem.errors(points, rounded=False)
+        slopes = (errors[: point.size] - errors[point.size :]) / (ahead - behind)[:, np.newaxis]
+    return finite(slopes.T)
+
+
+def _relative_to_a_level(problem: Problem, point: Floats) -> NDArray[np.bool_]:
+    """Tell which unknowns are known only relative to the level of a switch, which counts as 1.
+
+    A motor that is driven by a relay of unknown voltage has the same speed with all its constants scaled.
+    """
+    none = np.zeros(point.size, dtype=bool)
+    levels = []
+    choices, parts = [], [point[: problem.n_model]]
+    for choice, place in zip(problem.choices, problem.effect_places, strict=True):
+        parts.append(point[place])
+        if is_switch_without_level(choice):
+            effect = with_level(choice.effect)
+            choice = Choice(effect, effect.form(choice.form.name))
+            parts.append(np.ones(1))
+            levels.append(sum(part.size for part in parts) - 1)
+        choices.append(choice)
+    if not levels:
+        return none
+    opened = Problem(
+        problem.setting, choices, problem.rows, problem.noise, problem.largest, problem.free_start
+    )
+    with np.errstate(all="ignore"):
+        J = finite(opened.jacobian(np.concatenate([*parts, point[problem.n_model + problem.n_effects :]])))
+    own = np.delete(J, levels, axis=1)
+    scale = np.linalg.norm(own, axis=0)
+    scale[scale == 0.0] = 1.0
+    for level in levels:
+        change = J[:, level]
+        moved = np.linalg.lstsq(own / scale, change, rcond=UNSEEN)[0]
+        if np.linalg.norm(own / scale @ moved - change) < SAME_DIRECTION * np.linalg.norm(change):
+            none |= np.abs(moved / scale) > LOOSE * np.abs(moved / scale).max()
+    return none

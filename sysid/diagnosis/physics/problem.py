@@ -11,7 +11,7 @@ from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics.budget import Budget
 from sysid.diagnosis.physics.evaluation import Evaluation
-from sysid.diagnosis.physics.laws import INNER, coefficients, lower_bound, typical_size
+from sysid.diagnosis.physics.laws import INNER, coefficients, lower_bound, own_law, typical_size
 from sysid.diagnosis.physics.setting import LARGEST_LOGARITHM, Setting
 from sysid.diagnosis.structures.noise_filter import filtered_lines
 from sysid.diagnosis.structures.structure import WHITE, Choice, StructureFit, filtered
@@ -83,6 +83,7 @@ class Problem:
         self.n_model, self.n_effects = n, sum(counts)
         self.n_starts = setting.plant.order * len(self.parts) if self.free_start else 0
         # Effects of strength zero are simulated as the others are, or their difference would be the steps'.
+        self.own = own_law(self.choices)
         self.exact = not any(choice.effect.port in INNER for choice in self.choices)
         self.held = np.zeros(self.size, dtype=bool)
         dry = any(choice.effect.dry for choice in self.choices)
@@ -176,7 +177,7 @@ class Problem:
             return np.full((points.shape[0], u.shape[0]), np.nan)
         self.budget.left -= lanes * u.shape[0] * steps
         self.budget.work += int(lanes * u.shape[0] * steps * self._weight) + RUN + ROW * u.shape[0]
-        y = plant.run(values, laws, driven, starts, steps, states, self.exact)
+        y = plant.run(values, laws, driven, starts, steps, states, self.exact, self.own)
         return self._outputs(y if which is None else y[which], u[:, 0], effects, rounded)
 
     def _distinct(self, points: Floats) -> tuple[list[int] | None, Floats]:
@@ -226,7 +227,7 @@ class Problem:
         driven[1:, :, 0] += signals
         steps, _ = self._steps(values[0])
         starts = self._starts(np.tile(point, (lanes, 1)), number)
-        runs = plant.run(values, laws, driven, starts, steps, None, self.exact)
+        runs = plant.run(values, laws, driven, starts, steps, None, self.exact, self.own)
         y = self._outputs(runs, u[:, 0], effects, False)
         return np.asarray(y[1:] - y[0])
 
@@ -268,8 +269,7 @@ class Problem:
         sensor = [
             i
             for i, choice in enumerate(self.choices)
-            if choice.effect.port == "output"
-            and (rounded or choice.form.smooth or choice.form.slope != "identity")
+            if choice.effect.port == "output" and (rounded or not choice.form.jumps)
         ]
         u = np.ascontiguousarray(u) if beside else u
         for lane, parameters in enumerate(effects if beside or sensor else ()):
@@ -307,7 +307,8 @@ class Problem:
     def cost(self, point: Floats) -> float:
         """Return the sum of its squares; infinite where the model diverges."""
         error = self.residual(point)
-        cost = float(error @ error)
+        with np.errstate(all="ignore"):
+            cost = float(error @ error)
         return cost if np.isfinite(cost) else np.inf
 
     def shifted(self, point: Floats, columns: Sequence[int]) -> tuple[Floats, Floats]:
@@ -352,8 +353,7 @@ class Problem:
     @cached_property
     def jumps(self) -> bool:
         """Whether a sensor jumps, so that derivatives are taken without it."""
-        forms = [choice.form for choice in self.choices if choice.effect.port == "output"]
-        return any(not form.smooth and form.slope == "identity" for form in forms)
+        return any(choice.effect.port == "output" and choice.form.jumps for choice in self.choices)
 
     @cached_property
     def steps_of_an_evaluation(self) -> float:

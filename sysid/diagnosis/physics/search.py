@@ -157,8 +157,10 @@ def _with_strengths(problem: Problem, points: Floats, strengths: list[int], tang
     found = []
     for number, point in enumerate(points):
         at_zero = starts[number]
-        D = (responses[number * count : (number + 1) * count] - at_zero) / probe[:, np.newaxis]
-        if not (np.isfinite(D).all() and np.isfinite(at_zero).all()):
+        with np.errstate(all="ignore"):  # a law of the user's own may diverge
+            D = (responses[number * count : (number + 1) * count] - at_zero) / probe[:, np.newaxis]
+            norms = np.linalg.norm(D, axis=1)
+        if not (np.isfinite(norms).all() and np.isfinite(at_zero).all()):
             continue
         outside = tangent.outside(np.vstack([D, at_zero]))
         norms = np.linalg.norm(outside[:-1], axis=1)
@@ -195,8 +197,8 @@ def refined(
             points[:, place] = values
             errors = Tangent(problem, minimum.x).outside(in_lanes(problem, points))
             costs = np.nan_to_num(np.einsum("ij,ij->i", errors, errors), nan=np.inf)
-            trial = problem.descend(points[int(np.argmin(costs))], evaluations, tolerance)
-            minimum = trial if trial.cost < minimum.cost else minimum
+            trial = problem.descend_if_finite(points[int(np.argmin(costs))], evaluations, tolerance)
+            minimum = trial if trial is not None and trial.cost < minimum.cost else minimum
             width = 1.5 * (high - low) / (REFINED_POINTS - 1)
             low, high = minimum.x[place] - width, minimum.x[place] + width
     return minimum

@@ -20,12 +20,14 @@ from sysid.diagnosis.physics.descents import (
     descents,
     ends_beside,
     ends_without_colour,
+    likelier_from_start_values,
+    likeliest,
     nearly_agree,
 )
 from sysid.diagnosis.physics.directions import directions, probes
 from sysid.diagnosis.physics.free_run import free_run, runs
 from sysid.diagnosis.physics.hold import SMOOTHER, band_limited
-from sysid.diagnosis.physics.laws import SMOOTH_LAWS, SWITCHES, has_law, with_level
+from sysid.diagnosis.physics.laws import SMOOTH_LAWS, SWITCHES, has_law, is_own, with_level
 from sysid.diagnosis.physics.parameters import named_parameters, standard_errors
 from sysid.diagnosis.physics.points import moved
 from sysid.diagnosis.physics.problem import COARSE_STEP, Problem, problem_of
@@ -128,12 +130,12 @@ class PhysicsStructure:
         port = self.plant.port
         if "physics" not in effect.families:
             return False
-        if effect.port in ("force", "gain", "flow") and not has_law(effect):
+        if effect.port in ("force", "gain", "flow") and not (has_law(effect) or is_own(effect)):
             return False
         if effect.port == "force":
             # With a constant force of the model's own these two would be second names.
             doubled = bool(port.constant) and effect.name in ("asymmetric_friction", "constant_force")
-            known = not self.general or effect.name in SMOOTH_LAWS
+            known = not self.general or effect.name in SMOOTH_LAWS or is_own(effect)
             return port.velocity is not None and known and not doubled
         if self.general and effect.port == "gain":
             return False
@@ -210,7 +212,7 @@ class PhysicsStructure:
             raise ModelError(
                 f"model {self.name!r} diverges from every start: give start values nearer to the plant's"
             )
-        best = ends[0]
+        best = likeliest(search, ends)
         if search is not problem:
             best = problem.descend(
                 moved(search, problem, best.x), EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE]
@@ -272,7 +274,7 @@ class PhysicsStructure:
         if effort is Effort.REFIT or not new:
             point = problem_point(problem, before, known)
             if not np.isfinite(problem.cost(point)):  # an effect that was left out may have held it
-                return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status=DIVERGES)
+                return _diverged(choices, start)
             end = problem.descend(point, EVALUATIONS[effort], TOLERANCES[effort])
             if is_rugged(problem) and not np.array_equal(rows, start.rows):
                 end = scattered(problem, end, EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE])
@@ -287,6 +289,8 @@ class PhysicsStructure:
         if effort is Effort.FINE:
             # A finer search goes on from the coarse one; others of its searches may end where that one did.
             coarse = self.fit(choices, rows, noise, start, effort=Effort.COARSE)
+            if not coarse.usable:
+                return coarse
             near = moved(problem, search, coarse.point)
             on = search.descend_if_finite(near, EVALUATIONS[effort], TOLERANCES[effort])
             found += [] if on is None else [on]
@@ -297,12 +301,17 @@ class PhysicsStructure:
             bare = self._problem(kept, search.rows, WHITE, budget)
             ends += ends_without_colour(white, bare, search, self._carried(bare, start), new, effort)
             ends.sort(key=cost_of)
+        if not ends:
+            return _diverged(choices, start)
         if effort is Effort.FINE and is_rugged(search):
             ends.insert(0, scattered(search, ends[0], EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE]))
         best, found_twice = ends[0], agree(ends)
         if search is not problem:
             last = EVALUATIONS[Effort.FINE] if effort is Effort.FINE else TRIED
-            best = problem.descend(moved(search, problem, best.x), last, TOLERANCES[effort])
+            carried = problem.descend_if_finite(moved(search, problem, best.x), last, TOLERANCES[effort])
+            if carried is None:  # it stays finite on the rows of the search only
+                return _diverged(choices, start)
+            best = carried
         if effort is Effort.FINE:  # a ranking can do without
             best = within_cells(problem, best)
         return self._result(problem, best, found_twice or effort is Effort.COARSE)
@@ -340,17 +349,23 @@ class PhysicsStructure:
         """Return a fit moved to where it is best with steps as fine as the noise asks.
 
         A search can do with coarser ones, but what they do wrong ends in the parameters: of many rows with
-        little noise these are known better than one row is.
+        little noise these are known better than one row is.  Of minima that are as good the one near
+        the start values is taken.
         """
-        largest = enough_steps(self._problem(fit.choices, fit.rows, noise), fit.point)
-        if largest == COARSE_STEP:
+        problem = self._problem(fit.choices, fit.rows, noise)
+        point = likelier_from_start_values(problem, fit.point)
+        largest = enough_steps(problem, point)
+        if largest == COARSE_STEP and point is fit.point:
             return fit
         budget = Budget()
         problem = self._problem(fit.choices, fit.rows, noise, budget, largest)
-        end = problem.descend(fit.point, EVALUATIONS[Effort.REFIT], TOLERANCES[Effort.REFIT])
+        end = problem.descend_if_finite(point, EVALUATIONS[Effort.REFIT], TOLERANCES[Effort.REFIT])
+        moved_to = (
+            None if end is None else self._result(problem, within_cells(problem, end), fit.restarts_agree)
+        )
         key = (self._course, "fine", key_of(fit.choices, fit.rows, noise, fit, Effort.REFIT))
         self.work.note(key, budget.work)
-        return self._result(problem, within_cells(problem, end), fit.restarts_agree)
+        return fit if moved_to is None else moved_to
 
     def tangent(self, fit: StructureFit) -> Floats:
         """Return the derivative of the free run by all parameters, shape (n_samples, n_parameters)."""
@@ -380,6 +395,11 @@ class PhysicsStructure:
             values = ", ".join(f"{p.name} = {p.value:.4g}" for p in fit.parameters_of(choice.name))
             lines.append(f"{choice.name}: {choice.effect.equation}" + (f"  ({values})" if values else ""))
         return "\n".join(lines)
+
+
+def _diverged(choices: Sequence[Choice], start: StructureFit) -> StructureFit:
+    """Return a fit that cannot be used: with these effects the model diverges wherever it was tried."""
+    return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status=DIVERGES)
 
 
 def _fastest(problem: Problem, start: Floats) -> float:

@@ -16,6 +16,8 @@ ITERATIONS = 12
 FIRST_DAMPING, LARGEST_DAMPING = 1e-3, 1e8
 NEGLIGIBLE = 1e-6
 LEAST_CURVATURE = 1e-6
+# The sums over so many stretches of rows tell how far noise with a memory can pull the step.
+STRETCHES = 30
 
 Output = Callable[[Floats], Floats]
 
@@ -31,22 +33,14 @@ class Cells:
     counts : ndarray, shape (n_rows,)
     noise : float
         Standard deviation of the readings about their counts.
+    step_error : float
+        Standard error of the step.
     """
 
     step: float
     counts: Floats
     noise: float
-
-    @property
-    def step_error(self) -> float:
-        """Standard error of the step: the counts are known, the readings scatter about them.
-
-        Examples
-        --------
-        >>> Cells(0.5, np.array([3.0, -4.0]), 0.1).step_error
-        0.02
-        """
-        return self.noise / float(np.linalg.norm(self.counts))
+    step_error: float
 
     def widening(self, n_parameters: int) -> float:
         """Return the factor by which a fit inside the cells scatters more than the noise alone would have it.
@@ -55,7 +49,7 @@ class Cells:
 
         Examples
         --------
-        >>> Cells(1.0, np.zeros(400), 0.1).widening(4)
+        >>> Cells(1.0, np.zeros(400), 0.1, 0.0).widening(4)
         1.4142135623730951
         """
         return float(
@@ -90,8 +84,21 @@ def cells_of(y: Floats, step: float) -> Cells | None:
         if not step > 0.0:
             return None
         counts = np.round(y / step)
-    noise = float(np.std(y - step * counts))
-    return Cells(step, counts, noise) if noise < LOUDEST * step else None
+    misses = y - step * counts
+    noise = float(np.std(misses))
+    return Cells(step, counts, noise, _step_error(counts, misses)) if noise < LOUDEST * step else None
+
+
+def _step_error(counts: Floats, misses: Floats) -> float:
+    """Return the standard error of the step, the slope of the readings over their counts.
+
+    Noise with a memory misses in the same sense while the counts stay the same: its sums over stretches
+    of rows scatter more than single rows would have it.
+    """
+    pulls = counts * misses
+    sums = np.array([stretch.sum() for stretch in np.array_split(pulls, min(STRETCHES, pulls.size))])
+    size = float(np.linalg.norm(counts))
+    return max(float(np.std(misses)), float(np.linalg.norm(sums)) / size) / size
 
 
 def inside_cells(cells: Cells, output: Output, slopes: Output, start: Floats) -> Floats:

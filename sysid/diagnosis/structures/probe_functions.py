@@ -12,6 +12,17 @@ DRIFT_DEGREES = (0, 1, 2, 3)
 RANGE = 3.0
 # Lags of the input beyond those of the model.
 EXTRA_LAGS = 8
+# Which of the functions ask the same: whether a curve, a product, a drift, a gain that varies is missing.
+_KINDS = (
+    slice(0, 5),
+    slice(5, 10),
+    slice(10, 15),
+    slice(15, 29),
+    slice(29, 33),
+    slice(33, 37),
+    slice(37, 41),
+)
+FUNCTIONS = _KINDS[-1].stop
 
 
 def probe_functions(
@@ -42,6 +53,32 @@ def probe_functions(
     for factor in (np.ones(u.size), u, position):
         for degree in DRIFT_DEGREES:
             yield factor * _legendre(degree, time)
+
+
+def families(n_probes: int) -> list[slice]:
+    """Return which of a structure's probes ask the same.
+
+    Parameters
+    ----------
+    n_probes : int
+        Of `probe_functions` for each place where they are added, one after the other, and of other
+        directions behind them.
+
+    Examples
+    --------
+    >>> families(2 * FUNCTIONS + 11)[-2:]
+    [slice(78, 82, None), slice(82, 93, None)]
+    >>> families(9)
+    [slice(0, 9, None)]
+    """
+    places = n_probes // FUNCTIONS
+    found = [
+        slice(place * FUNCTIONS + kind.start, place * FUNCTIONS + kind.stop)
+        for place in range(places)
+        for kind in _KINDS
+    ]
+    rest = slice(places * FUNCTIONS, n_probes)
+    return [*found, rest] if rest.stop > rest.start else found
 
 
 def _legendre(degree: int, x: Floats) -> Floats:

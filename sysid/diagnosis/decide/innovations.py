@@ -1,0 +1,120 @@
+"""Whether innovations are new, or can be foreseen from what was measured before.
+
+A free run that has lost the plant, as behind a gap that a shaft crosses now here and now there, leaves an
+error that follows nothing in the run, so that it passes for noise with a memory.  But the innovations of such
+noise follow nothing that was measured before them, in no linear and no other way.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid.data.record import Mask, Record
+from sysid.diagnosis.decide.evidence import orthonormal, without
+from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.structures.structure import filtered
+
+# Earlier samples of input and output that may foresee linearly, and samples of which products are taken.
+LAGS, FURTHER = 12, 4
+# Innovations are foreseen when so unlikely by chance, and by this share of their squares.
+FORESEEN_P_VALUE, FORESEEN_SHARE = 1e-5, 0.02
+# Rows for each direction that is tried.
+ROWS_PER_DIRECTION = 4
+
+
+class Foreseen(NamedTuple):
+    """The chance that earlier measurements foresee as much of innovations, and what share that is."""
+
+    p_value: float
+    share: float
+
+    @property
+    def plainly(self) -> bool:
+        """Whether the innovations are none."""
+        return self.p_value < FORESEEN_P_VALUE and self.share > FORESEEN_SHARE
+
+
+def foreseen(record: Record, rows: Mask, residual: Floats, noise: Floats) -> Foreseen:
+    """Return how well bent functions of earlier measurements foresee the innovations of a residual.
+
+    Parameters
+    ----------
+    record : Record
+    rows : ndarray of bool, shape (n_samples,)
+        Rows that may be looked at.
+    residual : ndarray, shape (n_samples,)
+        Measurement less free run.
+    noise : ndarray
+        D(q) of the noise.
+
+    References
+    ----------
+    Billings & Voon (1986), International Journal of Control 44, on residuals of nonlinear models; here by an
+    F-test of products and kinks beside the linear regressors.
+    """
+    from scipy.special import fdtrc
+
+    times = _with_a_past(record, rows)
+    innovations = np.zeros(rows.size)
+    innovations[rows] = filtered(residual, rows, noise)
+    linear, bent = _regressors(record, rows, residual, times)
+    columns = linear.shape[1] + bent.shape[1]
+    if times.size < ROWS_PER_DIRECTION * columns:
+        return Foreseen(1.0, 0.0)
+    known = orthonormal(linear)
+    new = orthonormal(without(bent, known))
+    target = without(_normal_scores(innovations[times]), known)
+    left = without(target, new)
+    whole, rest, free = float(target @ target), float(left @ left), times.size - known.shape[1] - new.shape[1]
+    if not rest > 0.0 or new.shape[1] == 0:
+        return Foreseen(1.0, 0.0)
+    ratio = (whole - rest) / new.shape[1] / (rest / free)
+    share = 1.0 - (rest / free) / (whole / (times.size - known.shape[1]))
+    return Foreseen(float(fdtrc(new.shape[1], free, ratio)), share)
+
+
+def _normal_scores(values: Floats) -> Floats:
+    """Return values that are as they would be in this order under a normal distribution.
+
+    A disturbance that steps a few times has a few large innovations, which many directions can follow.
+    """
+    from scipy.special import ndtri
+
+    ranks = np.argsort(np.argsort(values, kind="stable"), kind="stable")
+    return np.asarray(ndtri((ranks + 0.5) / values.size))
+
+
+def _with_a_past(record: Record, rows: Mask) -> np.ndarray[tuple[int, ...], np.dtype[np.intp]]:
+    """Return the rows before which enough rows of the same experiment lie."""
+    used = rows & np.isfinite(record.y[:, 0])
+    unbroken = np.zeros(rows.size, dtype=bool)
+    for part in record.slices:
+        run = np.concatenate([[0], np.cumsum(used[part])])
+        whole = run[LAGS + 2 :] - run[: -LAGS - 2] == LAGS + 2  # the row and all before it that are looked at
+        unbroken[part][LAGS + 1 :] = whole
+    return np.flatnonzero(unbroken)
+
+
+def _regressors(
+    record: Record, rows: Mask, residual: Floats, times: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
+) -> tuple[Floats, Floats]:
+    """Return linear functions of what was measured before some rows, and bent ones of the input among it."""
+
+    def scaled(values: Floats) -> Floats:
+        return np.asarray((values - values[rows].mean()) / (values[rows].std() or 1.0))
+
+    y, u, r = (scaled(np.nan_to_num(values)) for values in (record.y[:, 0], record.u[:, 0], residual))
+    lags = range(1, LAGS + 1)
+    linear = [np.ones(times.size), *(signal[times - lag] for signal in (y, u) for lag in lags)]
+    drives = [u[times - 1], scaled(np.diff(u, prepend=u[:1]))[times - 1], u[times - FURTHER]]
+    drives += [np.abs(one) for one in drives]
+    # A disturbance that comes in steps foresees itself in a bent way: only what goes with the input is the
+    # plant's, and of a product only what its mean does not do.
+    drives = [one - one.mean() for one in drives]
+    moves = [scaled(np.diff(signal, prepend=signal[:1])) for signal in (y, r)]
+    seen = [signal[times - 1] for signal in (y, r, *moves)] + [y[times - FURTHER]]
+    seen += [np.abs(one) for one in seen]
+    bent = [one * other for one in drives for other in seen]
+    bent += [one * other for i, one in enumerate(drives) for other in drives[i:]]
+    bent += drives
+    return np.column_stack(linear), np.column_stack(bent)
