@@ -63,7 +63,7 @@ def foreseen(record: Record, rows: Mask, residual: Floats, noise: Floats) -> For
         return Foreseen(1.0, 0.0)
     known = orthonormal(linear)
     new = orthonormal(without(bent, known))
-    target = without(_normal_scores(innovations[times]), known)
+    target = without(_normal_scores(without(innovations[times], known)), known)
     left = without(target, new)
     whole, rest, free = float(target @ target), float(left @ left), times.size - known.shape[1] - new.shape[1]
     if not rest > 0.0 or new.shape[1] == 0:
@@ -105,7 +105,7 @@ def _regressors(
 
     y, u, r = (scaled(np.nan_to_num(values)) for values in (record.y[:, 0], record.u[:, 0], residual))
     lags = range(1, LAGS + 1)
-    linear = [np.ones(times.size), *(signal[times - lag] for signal in (y, u) for lag in lags)]
+    linear = [np.ones(times.size), *(signal[times - lag] for signal in (y, u, r) for lag in lags)]
     drives = [u[times - 1], scaled(np.diff(u, prepend=u[:1]))[times - 1], u[times - FURTHER]]
     drives += [np.abs(one) for one in drives]
     # A disturbance that comes in steps foresees itself in a bent way: only what goes with the input is the

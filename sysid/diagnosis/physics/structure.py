@@ -360,12 +360,9 @@ class PhysicsStructure:
         budget = Budget()
         problem = self._problem(fit.choices, fit.rows, noise, budget, largest)
         end = problem.descend_if_finite(point, EVALUATIONS[Effort.REFIT], TOLERANCES[Effort.REFIT])
-        moved_to = (
-            None if end is None else self._result(problem, within_cells(problem, end), fit.restarts_agree)
-        )
         key = (self._course, "fine", key_of(fit.choices, fit.rows, noise, fit, Effort.REFIT))
         self.work.note(key, budget.work)
-        return fit if moved_to is None else moved_to
+        return fit if end is None else self._result(problem, within_cells(problem, end), fit.restarts_agree)
 
     def tangent(self, fit: StructureFit) -> Floats:
         """Return the derivative of the free run by all parameters, shape (n_samples, n_parameters)."""
