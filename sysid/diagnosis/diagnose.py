@@ -173,7 +173,7 @@ class Diagnosis:
         """Return the best free-form curve as an effect in TOML, to be edited; empty if there is none."""
         from sysid.diagnosis.drafts import draft_of
 
-        return draft_of(self)
+        return draft_of(self.ports, self.record, self.structure)
 
     def write_predictions(self, path: "Path") -> None:
         """Write the predictions as CSV: k, measured, baseline, final."""

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sysid.data import Record
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.effects.catalogue import effects_in
 from sysid.diagnosis.ports.curves import NOTHING
+from sysid.diagnosis.structures.structure import Structure
 from sysid.diagnosis.wording import percent, significant
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.diagnose import Diagnosis
     from sysid.diagnosis.ports import PortCurve
 
 # A law is simple enough if it follows this share of what the curve has beyond a straight line.
@@ -217,15 +218,14 @@ def simplest_law(value: Floats, centre: Floats, density: Floats, signal: str, ow
     return max(laws, key=lambda law: law.follows)
 
 
-def draft_of(diagnosis: "Diagnosis") -> str:
+def draft_of(curves: "Sequence[PortCurve]", record: Record, structure: Structure) -> str:
     """Return the free-form curve that explains most of what no candidate does as an effect in TOML.
 
     Empty where there is no such curve, or none that an effect can take the place of.
     """
     from sysid.diagnosis.linear.structure import LinearStructure
 
-    record, structure = diagnosis.record, diagnosis.structure
-    for curve in diagnosis.ports:
+    for curve in curves:
         seen = curve.port != "input" or curve.channel == record.inputs[0]
         if curve.value.size and seen and curve.explains_at_most >= NOTHING:
             differs = isinstance(structure, LinearStructure)

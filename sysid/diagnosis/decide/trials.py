@@ -6,7 +6,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from sysid.diagnosis.decide.allowance import Allowance
+from sysid.diagnosis.decide.allowance import THIRD, Allowance
 from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.evidence import ScoreScreen, score_screen
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE, Noise
@@ -62,7 +62,7 @@ class Trials:
         screen = self.screen(self.evidence.refitted(current, colour), candidates, colour)
         if further and screen.p_value(max(screen.statistics.values())) >= self.evidence.alpha:
             return ()  # the residual holds no structure any more
-        if len(current.choices) > self.evidence.n_given + 1 and not self.allowance.permits():
+        if len(current.choices) > self.evidence.n_given + 1 and not self.allowance.permits(THIRD):
             return ()
         ranking = sorted(candidates, key=lambda e: -screen.statistics[e.name])
         # A family whose fits are cheap may ask for more of them than the screen would let through.

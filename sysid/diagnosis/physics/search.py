@@ -35,8 +35,9 @@ class Tangent:
     def __init__(self, problem: Problem, point: Floats) -> None:
         with np.errstate(all="ignore"):
             J = finite(problem.jacobian(point))
-        J = J[:, np.linalg.norm(J, axis=0) > 0.0]
-        scale = np.linalg.norm(J, axis=0)
+            scale = np.linalg.norm(J, axis=0)
+        moves = (scale > 0.0) & np.isfinite(scale)  # where the model all but diverges nothing can be said
+        J, scale = J[:, moves], scale[moves]
         left, sizes, _ = np.linalg.svd(J / scale, full_matrices=False)
         self.basis = left[:, sizes > RANK_TOLERANCE * sizes.max(initial=0.0)]
 
