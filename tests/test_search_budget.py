@@ -99,6 +99,8 @@ def test_an_allowance_ends_remembers_and_begins_anew():
     work.note("first", 9)
     assert allowance.permits()
     work.note("second", 1)
+    assert allowance.permits(1.5)
+    assert not allowance.ended
     assert not allowance.permits()
     assert allowance.ended
     allowance.renew()

@@ -41,13 +41,11 @@ def read_record(
 
     The suffix tells the format.  In a text table separator, decimal comma, byte order mark, comment lines
     and other lines above the header are detected; columns without a header are named by their place, ``1``
-    first.  Rows at its end that lack an input or an output are left out, with a warning.
-
-    In ``.mat`` (any version) and ``.npz`` files each variable of n x 1 or 1 x n numbers is a column, fields
-    of a MATLAB structure ``s`` are columns ``s.field``, and a scalar ``Ts``, ``dt``, ``period`` [s] or ``fs``
-    [Hz] gives the sampling period; nothing in
-    them is ever executed.  A JSON file of the same name beside the table may give ``units``, ``Ts``
-    [s] and ``splits.<set>.skip``, which are used where nothing else is said.
+    first.  Rows at its end that lack an input or an output are left out, with a warning.  In ``.mat`` (any
+    version) and ``.npz`` files each variable of n x 1 or 1 x n numbers is a column, fields of a MATLAB
+    structure ``s`` are columns ``s.field``, and a scalar ``Ts``, ``dt``, ``period`` [s] or ``fs`` [Hz] gives
+    the sampling period; nothing in them is ever executed.  A JSON file of the same name beside the table may
+    give ``units``, ``Ts`` [s] and ``splits.<set>.skip``, which are used where nothing else is said.
 
     Parameters
     ----------

@@ -5,6 +5,10 @@ from dataclasses import dataclass, field
 from sysid.diagnosis.structures.structure import Structure
 from sysid.diagnosis.structures.work import Work, Working
 
+# Where one effect hides another, few fits beside what leaves least find both: they may begin up to so many
+# times the work after which no other stage does.
+PROMISING = 1.7
+
 
 @dataclass
 class Allowance:
@@ -25,9 +29,9 @@ class Allowance:
     ended: bool = field(default=False, init=False)
     _begun: int = field(default=0, init=False)
 
-    def permits(self) -> bool:
-        """Tell whether a further stage may begin; remember if one may not."""
-        permitted = self.work is None or self.work.done - self._begun < self.work.given
+    def permits(self, share: float = 1.0) -> bool:
+        """Tell whether a stage that is worth so much more than others may begin; remember if it may not."""
+        permitted = self.work is None or self.work.done - self._begun < share * self.work.given
         self.ended |= not permitted
         return permitted
 

@@ -13,7 +13,7 @@ from sysid.diagnosis.decide.acceptance import (
     is_better_held_out,
     is_significant,
 )
-from sysid.diagnosis.decide.allowance import allowance_of
+from sysid.diagnosis.decide.allowance import PROMISING, allowance_of
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
 from sysid.diagnosis.decide.evidence import ScoreScreen
 from sysid.diagnosis.decide.growth import Grown, Growth
@@ -286,7 +286,7 @@ class Attempt:
                 continue
             other = self._judged_pair(decision, pair, trials)
             close = other.verdict == "unexplained" and explains_most(other.left_share)
-            if close and self.trials.allowance.permits():
+            if close and self.trials.allowance.permits(PROMISING):
                 # The first was fitted without the second: search it again beside it.
                 again = exchanged(self.trials, pair, len(self.growth.given))
                 other = self._judged_pair(decision, again, trials) if again is not pair else other
@@ -313,7 +313,7 @@ class Attempt:
             by_noise = min(fits, key=lambda name: evidence.own_criterion(fits[name]))
             by_error = min(fits, key=lambda name: evidence.cost(fits[name], WHITE_NOISE))
             for name in dict.fromkeys((by_noise, by_error)):
-                if not self.trials.allowance.permits():
+                if not self.trials.allowance.permits(PROMISING):
                     return
                 pair = self._best_with(name, [fit for other, fit in fits.items() if other != name])
                 if pair is not None:
