@@ -226,6 +226,8 @@ class Evidence:
         it more freedom seems to explain something.
         """
         noise = self.noise(fit)
+        if noise.order > 0:  # coloured as it was searched for, or by what is still missing
+            return fit
         moved = self.structure.fit(fit.choices, self.rows, noise.polynomial, fit, effort=Effort.REFIT)
         better = moved.usable and self.criterion(moved, noise) < self.criterion(fit, noise)
         return moved if better else fit
