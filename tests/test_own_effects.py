@@ -174,6 +174,7 @@ def test_a_force_of_ones_own_goes_with_dry_friction():
         effects=[*effects_in(text, "the test"), "coulomb", "in_saturation", "out_offset"],
     )  # fmt: skip
     assert set(found.accepted) == {"cubic_damper", "coulomb"}
+    assert "cubic_damper: d*v**3" in found.sentences()
     for name, value in (("cubic_damper", 1.5), ("coulomb", 0.4)):
         (parameter,) = found.final.fitted.parameters_of(name)
         assert abs(parameter.value - value) < 4.0 * parameter.std_error

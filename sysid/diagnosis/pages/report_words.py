@@ -75,9 +75,9 @@ def _effects(diagnosis: "Diagnosis") -> "list[Effect]":
 
 
 def _mechanism(effect: "Effect", diagnosis: "Diagnosis") -> str:
-    """Return what happens, for a mode whether it rings at all."""
+    """Return what happens, at least as a formula; for a mode whether it rings at all."""
     if effect.name != MODE or rings(diagnosis.final.fitted):
-        return effect.mechanism
+        return effect.mechanism or effect.equation
     return (
         "Further dynamics beside the modelled ones that do not ring, such as a slow heat store or a second "
         "time constant: the model's order is too low, so try a higher one before you believe in a vibration."
