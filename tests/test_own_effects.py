@@ -93,7 +93,11 @@ def test_a_curve_is_drafted_given_back_and_explains_what_nothing_else_did(damped
     draft, first, second = (tmp_path / name for name in ("mine.toml", "first.json", "second.json"))
     given = ["--effects", "in_saturation,out_offset,coloured_noise"]
     assert main([*known, *given, "--draft", str(draft), "--json", str(first)]) == 0
-    assert json.loads(first.read_text())["verdict"] == "unexplained"
+    found = json.loads(first.read_text())
+    assert found["verdict"] == "unexplained"
+    (told,) = (sentence for sentence in found["sentences"] if sentence.startswith("By this curve"))
+    assert float(told.split()[7]) == pytest.approx(1.5, rel=0.25)  # a smooth curve of a few knots
+    assert "v^3 opposes the input, where v is the velocity" in told
     assert str(draft) in capsys.readouterr().out.splitlines()[-1]
     (effect,) = effects_in(draft.read_text(), "the draft")
     assert (effect.port, effect.name) == ("force", "velocity_curve")

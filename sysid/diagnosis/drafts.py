@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +25,10 @@ MOST_KINKS = 4
 SWEEPS = 3
 # The segment from which slopes are counted holds at least this share of the data.
 LEAST_DATA = 0.05
+# Powers of a polynomial: lines are the model's own.
+POWERS = (2, 3)
+# A law is told in a sentence if its curve removes this share of the error and it has so few parameters.
+TOLD, MOST_TOLD = 0.5, 3
 # So much data lies on either side of a kink.
 LEAST_BESIDE = 0.02
 # Points of the curve that are written beside the law.
@@ -209,13 +215,34 @@ def simplest_law(value: Floats, centre: Floats, density: Floats, signal: str, ow
     """
     weight = np.sqrt(density + 0.01 * density.mean())
     lines = np.column_stack([np.ones(value.size), value])
-    laws = [_polynomial(value, centre, weight, lines, signal, powers) for powers in ((2,), (3,), (2, 3))]
+    laws: list[Law] = []
     for count in range(1, MOST_KINKS + 1):
+        for powers in combinations(POWERS, count):
+            laws.append(_polynomial(value, centre, weight, lines, signal, powers))
         laws.append(_kinked(value, centre, weight, lines, signal, own, count))
-    simple = [law for law in laws if law.follows >= ENOUGH]
-    if simple:
-        return min(simple, key=lambda law: (len(law.terms), -law.follows))
-    return max(laws, key=lambda law: law.follows)
+        best = max(laws, key=lambda law: law.follows)
+        if best.follows >= ENOUGH:
+            break
+    return best
+
+
+@lru_cache(maxsize=16)
+def law_in_words(curve: "PortCurve") -> str:
+    """Return a sentence on the law that a curve which explains much nearly follows, if there is one."""
+    if not curve.value.size or curve.explains_at_most < TOLD:
+        return ""
+    port, signal, _ = _ENTERS[curve.port]
+    own = 0.0 if port == "force" else 1.0
+    law = simplest_law(curve.value, curve.centre, curve.density, signal, own)
+    if law.follows < ENOUGH or len(law.terms) > MOST_TOLD:
+        return ""
+    parts = [f"{significant(value)} {term}" for term, value in zip(law.terms, law.values, strict=True)]
+    text = " + ".join([signal, *parts] if own else parts).replace("+ -", "- ").replace("**", "^")
+    what = {"input": "the input", "output": "the model's output"}.get(curve.port, f"the {curve.port}")
+    does = (
+        f"a force of nearly {text} opposes the input" if port == "force" else f"{what} becomes nearly {text}"
+    )
+    return f"By this curve {does}, where {signal} is {what}: --draft FILE writes it as an effect."
 
 
 def draft_of(curves: "Sequence[PortCurve]", record: Record, structure: Structure) -> str:

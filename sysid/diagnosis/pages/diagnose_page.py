@@ -198,5 +198,5 @@ def _draw(diagnosis: "Diagnosis", judged: str, width: float) -> Any:
     axes.set_xlabel(f"RMSE on {judged}" + (f" [{unit}]" if unit else ""))
     if np.isfinite(diagnosis.noise_floor):
         axes.axvline(diagnosis.noise_floor, color=COLOURS[1], linestyle="--", label="noise floor")
-        axes.legend(loc="lower right", frameon=False)
+        legend(axes)
     return figure

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.diagnosis.decide.modes import MODE, rings
+from sysid.diagnosis.drafts import law_in_words
 from sysid.diagnosis.wording import NORMAL_95, percent, plus_minus, quantity, significant
 
 if TYPE_CHECKING:
@@ -37,7 +38,8 @@ def sentences(diagnosis: "Diagnosis") -> list[str]:
             found.append(f"{rung.effect}: {_with_spread(p)}")
     found += _loose(diagnosis) + _unrelated(diagnosis) + _own_constant(diagnosis)
     found += _growing(diagnosis, judged, unit)
-    found += [port.sentence for port in diagnosis.ports[:1]]
+    for port in diagnosis.ports[:1]:
+        found += [port.sentence, *filter(None, [law_in_words(port)])]
     if diagnosis.advice:
         found.append(diagnosis.advice)
     return found
