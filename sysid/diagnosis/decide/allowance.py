@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from sysid.diagnosis.structures.structure import Structure
 from sysid.diagnosis.structures.work import Work, Working
 
-# Where one effect hides another, few fits beside what leaves least find both: they may begin up to so many
-# times the work after which no other stage does.  Where two effects leave something a third is searched in
-# the longest round of all, so that it must begin earlier.
+# Where one effect hides another, few fits beside what leaves least find both, and on a law that takes the
+# place of one of the model's all others build: these may begin up to so many times the work after which no
+# other stage does.  A third effect is searched in the longest round of all, so that it must begin earlier.
 PROMISING, THIRD = 1.7, 0.7
 
 

@@ -204,7 +204,7 @@ class Attempt:
         grown = self.growth.grown(baseline, given, len(given))
         decision = self._judged(baseline, grown)
         for trial in self._replacing(decision):
-            if not self.trials.allowance.permits():
+            if not self.trials.allowance.permits(PROMISING):
                 break
             decision = min(decision, self._from_replaced(decision, given, grown, trial), key=_burden)
         if decision.verdict == "unexplained" and self.growth.max_effects > 1:
