@@ -6,7 +6,7 @@ import pytest
 from sysid.cli import main
 from sysid.diagnosis.effects import Effect, EffectParameter, Form, catalogue, find_effects, read_effects
 from sysid.diagnosis.effects.counts import counts
-from sysid.diagnosis.effects.laws import drive_of
+from sysid.diagnosis.effects.laws import drive_of, rows_of
 from sysid.errors import ModelError
 
 NAMES = [
@@ -163,3 +163,13 @@ def test_the_command_lists_and_explains(capsys):
     assert "play operator" in capsys.readouterr().out
     assert main(["effects", "in_backlsh"]) == 2
     assert "effect 'in_backlsh' is not known" in capsys.readouterr().err
+
+
+def test_compiled_laws_have_names_of_their_own():
+    """numba tells the environments of functions that it loads apart by module and name: two of one name, kept
+    by different processes, ended in an error of numba's."""
+    drag, constant = find_effects(["quad_drag", "constant_force"])
+    names = {
+        law(effect, effect.forms[0]).__name__ for law in (rows_of, drive_of) for effect in (drag, constant)
+    }
+    assert len(names) == 4

@@ -184,19 +184,38 @@ class Writer:
 def compiled_kernels(source: str) -> tuple[Simulate, Sensitivities]:
     """Return the kernels of a source made by `Writer`, compiled once and kept on disk where possible."""
     import numba
-    import numpy as np
 
     from sysid._compile import compiled
 
-    path = stored(source)
-    # numba finds its stored code by module, name and file; the module must be one that can be imported.
-    namespace: dict[str, Any] = {"__name__": __name__, "np": np}
-    file = str(path) if path else f"<model {hashlib.sha256(source.encode()).hexdigest()[:16]}>"
+    functions, kept = functions_of(source, __name__, "simulate", "sensitivities")
+    simulate, sensitivities = map(compiled if kept else numba.njit(nogil=True), functions)
+    return cast(Simulate, simulate), cast(Sensitivities, sensitivities)
+
+
+def functions_of(source: str, module: str, *names: str) -> tuple[list[Any], bool]:
+    r"""Return functions of a source that was written here, and whether their compiled code can be kept.
+
+    numba finds the code that it kept by module, file and name, and the module must be one that can be
+    imported.  The environments of functions that it loads it tells apart by module and name alone: so the
+    name has the source's hash in it, or a function would be run in the environment of another.
+
+    Examples
+    --------
+    >>> (double,), _ = functions_of("def law(x):\n    return 2.0 * x\n", __name__, "law")
+    >>> double(3.0), double.__name__[:4], len(double.__name__)
+    (6.0, 'law_', 20)
+    """
+    import numpy as np
+
+    digest, path = hashlib.sha256(source.encode()).hexdigest()[:16], stored(source)
+    file = str(path) if path else f"<written {digest}>"
+    namespace: dict[str, Any] = {"__name__": module, "np": np}
     exec(compile(source, file, "exec"), namespace)
     linecache.cache[file] = (len(source), None, source.splitlines(keepends=True), file)
-    compiler = compiled if path else numba.njit(nogil=True)
-    simulate, sensitivities = compiler(namespace["simulate"]), compiler(namespace["sensitivities"])
-    return cast(Simulate, simulate), cast(Sensitivities, sensitivities)
+    functions = [namespace[name] for name in names]
+    for function in functions:
+        function.__name__ = function.__qualname__ = f"{function.__name__}_{digest}"
+    return functions, path is not None
 
 
 def stored(source: str) -> Path | None:

@@ -1,13 +1,10 @@
 """Forces and gains of the user's own, given as expressions, as the simulation calls them."""
 
-import hashlib
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
-
-import numpy as np
 
 from sysid.linear.forms import Floats
 
@@ -44,6 +41,7 @@ def kernel_of(law: OwnLaw) -> Any:
 
     Examples
     --------
+    >>> import numpy as np
     >>> from sysid.physics.forced_kernels import SIZE
     >>> w = np.append(np.zeros(SIZE), [2.0, 0.5])
     >>> law = kernel_of(OwnLaw((("force", "c*v**3", ("c",)), ("gain", "1 + g*y", ("g",))))).function
@@ -53,15 +51,10 @@ def kernel_of(law: OwnLaw) -> Any:
     import numba
 
     from sysid._compile import pointer
-    from sysid.physics.generator import stored
+    from sysid.physics.generator import functions_of
 
-    source = source_of(law)
-    path = stored(source)
-    file = str(path) if path else f"<law {hashlib.sha256(source.encode()).hexdigest()[:16]}>"
-    # numba finds its stored code by module, name and file; the module must be one that can be imported.
-    namespace: dict[str, Any] = {"__name__": __name__, "np": np}
-    exec(compile(source, file, "exec"), namespace)
-    kernel: Any = numba.cfunc(_SIGNATURE, cache=path is not None, error_model="numpy")(namespace["own"])
+    (own,), kept = functions_of(source_of(law), __name__, "own")
+    kernel: Any = numba.cfunc(_SIGNATURE, cache=kept, error_model="numpy")(own)
     return pointer(kernel, kernel._sig, kernel._wrapper_address)
 
 

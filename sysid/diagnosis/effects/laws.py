@@ -4,7 +4,6 @@ The source is made from the checked tree of the expression alone, as for the equ
 model, and kept where numba can keep the compiled code beside it.
 """
 
-import hashlib
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
@@ -140,12 +139,8 @@ def _source(expression: str, variables: dict[str, str], names: Sequence[str]) ->
 def _compiled(source: str, signature: Any) -> Any:
     import numba
 
-    from sysid.physics.generator import stored
+    from sysid.physics.generator import functions_of
 
-    path = stored(source)
-    # numba finds its stored code by module, name and file; the module must be one that can be imported.
-    namespace: dict[str, Any] = {"__name__": __name__, "np": np}
-    file = str(path) if path else f"<law {hashlib.sha256(source.encode()).hexdigest()[:16]}>"
-    exec(compile(source, file, "exec"), namespace)
-    compiler: Any = numba.njit(signature, cache=path is not None, nogil=True, error_model="numpy")
-    return compiler(namespace["law"])
+    (law,), kept = functions_of(source, __name__, "law")
+    compiler: Any = numba.njit(signature, cache=kept, nogil=True, error_model="numpy")
+    return compiler(law)
