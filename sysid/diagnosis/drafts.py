@@ -88,9 +88,7 @@ def draft_effect(curve: "PortCurve", *, per_second: float = 1.0) -> str:
     expression = "s + c1*min(s + 1, 0) + c2*max(s - 1, 0)"
     """
     port, signal, unit = _ENTERS[curve.port]
-    name, own = f"{curve.port}_curve", 0.0 if port == "force" else 1.0
-    scale = per_second if curve.port == "velocity" else 1.0
-    law = simplest_law(curve.value * scale, curve.centre, curve.density, signal, own)
+    name, law = f"{curve.port}_curve", _law_of(curve, per_second if curve.port == "velocity" else 1.0)
     parameters = [f"c{i + 1}" for i in range(len(law.terms))]
     parts = [f"{parameter}*{term}" for parameter, term in zip(parameters, law.terms, strict=True)]
     share = percent(curve.explains_at_most)
@@ -227,17 +225,22 @@ def simplest_law(value: Floats, centre: Floats, density: Floats, signal: str, ow
 
 
 @lru_cache(maxsize=16)
+def _law_of(curve: "PortCurve", scale: float = 1.0) -> Law:
+    """Return the simplest law of a curve whose places are taken so many times as large."""
+    port, signal, _ = _ENTERS[curve.port]
+    own = 0.0 if port == "force" else 1.0
+    return simplest_law(curve.value * scale, curve.centre, curve.density, signal, own)
+
+
 def law_in_words(curve: "PortCurve") -> str:
     """Return a sentence on the law that a curve which explains much nearly follows, if there is one."""
     if not curve.value.size or curve.explains_at_most < TOLD:
         return ""
-    port, signal, _ = _ENTERS[curve.port]
-    own = 0.0 if port == "force" else 1.0
-    law = simplest_law(curve.value, curve.centre, curve.density, signal, own)
+    (port, signal, _), law = _ENTERS[curve.port], _law_of(curve)
     if law.follows < ENOUGH or len(law.terms) > MOST_TOLD:
         return ""
     parts = [f"{significant(value)} {term}" for term, value in zip(law.terms, law.values, strict=True)]
-    text = " + ".join([signal, *parts] if own else parts).replace("+ -", "- ").replace("**", "^")
+    text = " + ".join(parts if port == "force" else [signal, *parts]).replace("+ -", "- ").replace("**", "^")
     what = {"input": "the input", "output": "the model's output"}.get(curve.port, f"the {curve.port}")
     does = (
         f"a force of nearly {text} opposes the input" if port == "force" else f"{what} becomes nearly {text}"

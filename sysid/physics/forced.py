@@ -173,7 +173,9 @@ class ForcedPlant:
             plant.append((fk.PUSH, -1))
         return _columns(plant, 2), _columns(by_input, 3), _columns(direct, 2)
 
-    def coefficients(self, values: Floats, laws: Floats) -> tuple[Floats, Floats, Floats]:
+    def coefficients(
+        self, values: Floats, laws: Floats, own: OwnLaw = NO_OWN_LAW
+    ) -> tuple[Floats, Floats, Floats]:
         """Return what the kernels need of each lane: coefficients, rates by input, output by input."""
         from sysid.physics import forced_kernels as fk
 
@@ -192,6 +194,7 @@ class ForcedPlant:
         by_input[:, rows, columns] = entries[:, second]
         direct[:, inputs] = entries[:, third]
         plants[:, fk.LAW : fk.OWN] = laws[:, : NO_LAW.size]
+        plants[:, fk.OWN] = float(bool(own.terms))
         plants[:, fk.SIZE :] = laws[:, NO_LAW.size :]
         return plants, by_input, direct
 
@@ -271,7 +274,6 @@ class ForcedPlant:
         ndarray, shape (lanes, n_samples)
             Not a number from where a run diverges on.
         """
-        from sysid.physics import forced_kernels as fk
         from sysid.physics.forced_kernels import forced_runs, linear_runs
         from sysid.physics.forced_lanes import lane_runs
 
@@ -289,7 +291,7 @@ class ForcedPlant:
         else:
             at_start[:, : self.order] = starts[:, self.states_first]
         inner = np.empty((lanes, signal.shape[1] if states is not None else 0, MOST_STATES))
-        arguments = self.coefficients(values, laws)
+        arguments = self.coefficients(values, laws, own)
         plants, by_input, direct = arguments
         if exact is None:
             exact = not own.terms and np.array_equal(laws, np.broadcast_to(NO_LAW, laws.shape))
@@ -315,7 +317,6 @@ class ForcedPlant:
             if side_by_side:
                 lane_runs(*known)
             else:
-                plants[:, fk.OWN] = float(bool(own.terms))
                 forced_runs(*known, kernel_of(own))
         if states is not None:
             for k, state in enumerate(self.states_first):

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.data.record import Mask, Record
-from sysid.diagnosis.decide.evidence import orthonormal, without
+from sysid.diagnosis.decide.evidence import orthonormal, remainder, without
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.structures.structure import filtered
 
@@ -52,8 +52,6 @@ def foreseen(record: Record, rows: Mask, residual: Floats, noise: Floats) -> For
     Billings & Voon (1986), International Journal of Control 44, on residuals of nonlinear models; here by an
     F-test of products and kinks beside the linear regressors.
     """
-    from scipy.special import fdtrc
-
     times = _with_a_past(record, rows)
     innovations = np.zeros(rows.size)
     innovations[rows] = filtered(residual, rows, noise)
@@ -62,15 +60,9 @@ def foreseen(record: Record, rows: Mask, residual: Floats, noise: Floats) -> For
     if times.size < ROWS_PER_DIRECTION * columns:
         return Foreseen(1.0, 0.0)
     known = orthonormal(linear)
-    new = orthonormal(without(bent, known))
     target = without(_normal_scores(without(innovations[times], known)), known)
-    left = without(target, new)
-    whole, rest, free = float(target @ target), float(left @ left), times.size - known.shape[1] - new.shape[1]
-    if not rest > 0.0 or new.shape[1] == 0:
-        return Foreseen(1.0, 0.0)
-    ratio = (whole - rest) / new.shape[1] / (rest / free)
-    share = 1.0 - (rest / free) / (whole / (times.size - known.shape[1]))
-    return Foreseen(float(fdtrc(new.shape[1], free, ratio)), share)
+    found = remainder(target, linear, without(bent, known))
+    return Foreseen(found.p_value, found.explained / max(float(target @ target), 1e-300))
 
 
 def _normal_scores(values: Floats) -> Floats:

@@ -25,9 +25,9 @@ def control_system(saved: "SavedPhysicalModel") -> Any:
             f"model {saved.model.name!r} is not linear in its states: use SavedPhysicalModel.simulate instead"
         )
     check_pointwise(saved.choices)
-    plants, by_input, direct = plant.coefficients(saved.values[np.newaxis], saved.law[np.newaxis])
+    values, laws = saved.values[np.newaxis], saved.law[np.newaxis]
+    plants, by_input, direct = plant.coefficients(values, laws, saved.own_law)
     w, n, port, own = plants[0], plant.order, plant.port, kernel_of(saved.own_law)
-    w[fk.OWN] = float(bool(saved.own_law.terms))
     dry = bool((w[[fk.FRICTION_FORWARD, fk.FRICTION_BACK]] > 0.0).any() or w[fk.BREAKAWAY] != 0.0)
     contact = bool(w[fk.YIELD] > 0.0)
 

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from sysid.diagnosis.effects.base import Effect
@@ -28,7 +29,7 @@ class SavedEffect:
     parameters: dict[str, float]
     definition: str = ""
 
-    @property
+    @cached_property
     def choice(self) -> Choice:
         """The effect in its form, from its definition or from the catalogue."""
         if self.definition:

@@ -39,8 +39,8 @@ def source(saved: "SavedPhysicalModel") -> str:
     if not isinstance(plant, ForcedPlant) or plant.hold != "zero":
         kind = "is not linear in its states" if plant.hold == "zero" else "takes its input as smooth"
         raise ModelError(f"model {saved.model.name!r} {kind}: save it as JSON instead")
-    plants, by_input, direct = plant.coefficients(saved.values[np.newaxis], saved.law[np.newaxis])
-    plants[:, fk.OWN] = float(bool(saved.own_law.terms))
+    values, laws = saved.values[np.newaxis], saved.law[np.newaxis]
+    plants, by_input, direct = plant.coefficients(values, laws, saved.own_law)
     start = np.zeros(MOST_STATES)
     start[: plant.order] = np.array([state.rest for state in saved.model.states])[list(plant.states_first)]
     maps = {port: _maps(saved, port) for port in ("input", "parallel", "output")}
