@@ -22,7 +22,7 @@ from sysid.linear.forms import Floats
 
 if TYPE_CHECKING:
     from sysid.linear.output_error import OutputErrorFit
-    from sysid.physics.fit import PhysicsFit
+    from sysid.physics.fitted import PhysicsFit
 
 # Below this share a port is said to explain nothing.
 NOTHING = 0.02
