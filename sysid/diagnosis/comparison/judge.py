@@ -56,10 +56,11 @@ def judge(
     prediction = fitted.predict(record)
     judged, rows = judged_rows(record)
     delay_found = int(fitted.details().get("delay", 1))
-    series, learned = (
-        judged_series(record, name, chosen, prediction.free_run, delay_found)
-        for name, chosen in ((judged, rows), (record.estimation_label, record.learning))
-    )
+    series = judged_series(record, judged, rows, prediction.free_run, delay_found)
+    learned = None
+    if record.learning.any():
+        learning = (record.estimation_label, record.learning)
+        learned = judged_series(record, *learning, prediction.free_run, delay_found)
     location = locate(series, learned, part_of(progress, FITTING_SHARE, LOCATING_SHARE))
     location = _with_reversals(location, series, prediction.free_run, fitted)
     curves, notes = _explored(record, fitted, part_of(progress, LOCATING_SHARE, 100)) if ports else ((), ())

@@ -11,6 +11,8 @@ from sysid.diagnosis.effects.catalogue import effect_of_table, find_effects
 from sysid.diagnosis.physics.laws import SWITCHES, with_level
 from sysid.diagnosis.structures.structure import Choice
 
+DIVERGES = "the model diverges for this input: keep it within the range it was fitted on"
+
 
 @dataclass(frozen=True)
 class SavedEffect:
