@@ -12,6 +12,7 @@ from sysid.result_files import (
     DEFAULT_FOLDER,
     check_results,
     stem_of,
+    to_csv_text,
     to_json_text,
     write_result,
     write_text,
@@ -71,12 +72,11 @@ def _given(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _predictions(comparison: "Comparison") -> str:
-    """Return a CSV with one row for each row of the record, in its order."""
-    from math import isfinite
-
-    prediction = comparison.prediction
-    lines = ["k,measured,one_step,free_run"]
-    columns = (comparison.record.y[:, 0].tolist(), prediction.one_step.tolist(), prediction.free_run.tolist())
-    for k, values in enumerate(zip(*columns, strict=True)):
-        lines.append(",".join([str(k), *(repr(value) if isfinite(value) else "" for value in values)]))
-    return "\n".join(lines) + "\n"
+    """Return a CSV with one row for each row of the file, in its order."""
+    record, prediction = comparison.record, comparison.prediction
+    columns = {
+        "measured": record.y[:, 0].tolist(),
+        "one_step": prediction.one_step.tolist(),
+        "free_run": prediction.free_run.tolist(),
+    }
+    return to_csv_text(columns, record.left_out)

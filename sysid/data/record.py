@@ -67,6 +67,8 @@ class Record:
         What looked odd and was let through.
     source : Path or None
         The file it came from.
+    left_out : int
+        Rows without values at the end of that file, which are no part of the record.
 
     All arrays are read-only.
     """
@@ -85,6 +87,7 @@ class Record:
     skip: Mapping[str, int]
     warnings: tuple[str, ...] = ()
     source: Path | None = None
+    left_out: int = 0
 
     @property
     def n_samples(self) -> int:

@@ -176,14 +176,11 @@ class Diagnosis:
         return draft_of(self.ports, self.record, self.structure)
 
     def write_predictions(self, path: "Path") -> None:
-        """Write the predictions as CSV: k, measured, baseline, final."""
-        from sysid.result_files import write_text
+        """Write the predictions as CSV: k, measured, baseline, final, one row for each row of the file."""
+        from sysid.result_files import to_csv_text, write_text
 
-        columns = list(self.predictions().values())
-        rows = ["k,measured,baseline,final"]
-        for k, values in enumerate(zip(*(column.tolist() for column in columns), strict=True)):
-            rows.append(",".join([str(k), *("" if value != value else repr(value) for value in values)]))
-        write_text(path, "\n".join(rows) + "\n")
+        columns = {name: values.tolist() for name, values in self.predictions().items()}
+        write_text(path, to_csv_text(columns, self.record.left_out))
 
     def __repr__(self) -> str:
         return "\n".join(
