@@ -9,9 +9,9 @@ from sysid.diagnosis.drafts import law_in_words
 from sysid.diagnosis.wording import NORMAL_95, percent, plus_minus, quantity, significant
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.diagnose import Diagnosis
     from sysid.diagnosis.effects.base import Effect
     from sysid.diagnosis.ladder import Rung
+    from sysid.diagnosis.outcome import Outcome
     from sysid.diagnosis.structures.structure import FittedParameter
 
 # The error grows if its rank correlation with time is so many standard deviations, and by this factor.
@@ -23,7 +23,7 @@ UNRELATED = 0.98
 AT_FLOOR = 1.1
 
 
-def sentences(diagnosis: "Diagnosis") -> list[str]:
+def sentences(diagnosis: "Outcome") -> list[str]:
     """Return what was found, the main thing first."""
     record, ladder = diagnosis.record, diagnosis.ladder
     unit = record.unit(record.outputs[0])
@@ -45,7 +45,7 @@ def sentences(diagnosis: "Diagnosis") -> list[str]:
     return found
 
 
-def _noise_floor(diagnosis: "Diagnosis", judged: str, unit: str) -> list[str]:
+def _noise_floor(diagnosis: "Outcome", judged: str, unit: str) -> list[str]:
     """Tell the floor, and whether the final model has come down to it."""
     floor, left = diagnosis.noise_floor, diagnosis.ladder[-1].scores[judged]["rmse"]
     if not np.isfinite(floor):
@@ -55,7 +55,7 @@ def _noise_floor(diagnosis: "Diagnosis", judged: str, unit: str) -> list[str]:
     return [f"Noise floor: {quantity(floor, unit)} RMSE; {rest}."]
 
 
-def _loose(diagnosis: "Diagnosis") -> list[str]:
+def _loose(diagnosis: "Outcome") -> list[str]:
     """Name the parameters of a physical model that the record leaves open."""
     if getattr(diagnosis.structure, "plant", None) is None:
         return []
@@ -72,11 +72,11 @@ def _loose(diagnosis: "Diagnosis") -> list[str]:
     ]
 
 
-def _effects(diagnosis: "Diagnosis") -> "list[Effect]":
+def _effects(diagnosis: "Outcome") -> "list[Effect]":
     return [choice.effect for choice in diagnosis.final.fitted.choices]
 
 
-def _mechanism(effect: "Effect", diagnosis: "Diagnosis") -> str:
+def _mechanism(effect: "Effect", diagnosis: "Outcome") -> str:
     """Return what happens, at least as a formula; for a mode whether it rings at all."""
     if effect.name != MODE or rings(diagnosis.final.fitted):
         return effect.mechanism or effect.equation
@@ -86,7 +86,7 @@ def _mechanism(effect: "Effect", diagnosis: "Diagnosis") -> str:
     )
 
 
-def _headline(diagnosis: "Diagnosis") -> str:
+def _headline(diagnosis: "Outcome") -> str:
     names = " and ".join(diagnosis.accepted)
     best = next((t for t in diagnosis.decision.trials if t.fit is not None), None)
     return {
@@ -101,7 +101,7 @@ def _headline(diagnosis: "Diagnosis") -> str:
     }[diagnosis.verdict]
 
 
-def _unrelated(diagnosis: "Diagnosis") -> list[str]:
+def _unrelated(diagnosis: "Outcome") -> list[str]:
     """Say so where the final model follows next to nothing of the output that it was fitted to."""
     record = diagnosis.record
     rows = record.learning
@@ -114,7 +114,7 @@ def _unrelated(diagnosis: "Diagnosis") -> list[str]:
     ]
 
 
-def _own_constant(diagnosis: "Diagnosis") -> list[str]:
+def _own_constant(diagnosis: "Outcome") -> list[str]:
     """Say that a constant force needs no effect where the model has one."""
     plant = getattr(diagnosis.structure, "plant", None)
     name = plant.port.constant if plant is not None else ""
@@ -131,7 +131,7 @@ def _with_spread(parameter: "FittedParameter") -> str:
     return f"{parameter.name} = {' '.join(word for word in words if word)}"
 
 
-def _growing(diagnosis: "Diagnosis", judged: str, unit: str) -> list[str]:
+def _growing(diagnosis: "Outcome", judged: str, unit: str) -> list[str]:
     """Say so where the final model's error grows along a test set beyond chance."""
     record = diagnosis.record
     if judged == "validation":
