@@ -132,3 +132,29 @@ def test_options_of_a_fit_are_refused_beside_a_saved_model(tmp_path, capsys, mon
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+def test_a_diagnosis_goes_on_from_a_saved_model():
+    """A limit is in the saved model, an offset of the sensor came after: only that is found missing."""
+    rng = np.random.default_rng(7)
+    u = rng.uniform(-1.0, 1.0, 1200)
+    y = difference_equation(u, [0.0, 0.0], [0.0, 0.0], noise=0.02)
+    y += 0.3 * (y - np.mean(y)) ** 2
+    record = make_record(u, y, PERIOD)
+    found = sysid.diagnose(record, saved_linear(), effects=["in_deadzone", "out_quadratic", "in_delay"])
+    assert found.accepted == ("in_saturation", "out_quadratic")
+    limit = found.final.fitted.parameters_of("in_saturation")[0]
+    assert abs(limit.value - 0.5) < 4 * limit.std_error
+
+
+def test_a_diagnosis_goes_on_from_a_saved_physical_model(tmp_path):
+    u = np.repeat(np.random.default_rng(1).uniform(-2.0, 2.0, 100), 6)
+    y = moving_mass(u, [0.0, 0.0], PERIOD)
+    y += 0.01 * np.std(y) * np.random.default_rng(2).standard_normal(y.size)
+    sysid.save(saved_mass(), tmp_path / "mass.toml")
+    found = sysid.diagnose(
+        make_record(u, y, PERIOD), tmp_path / "mass.toml", effects=["coulomb", "out_offset"]
+    )
+    assert found.accepted == ("quad_drag",)
+    (drag,) = found.final.fitted.parameters_of("quad_drag")
+    assert abs(drag.value - 0.4) < 4 * drag.std_error

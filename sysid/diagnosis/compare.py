@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.data import Record
-from sysid.diagnosis.comparison.comparison import Comparison
+from sysid.diagnosis.compared import Comparison
 from sysid.diagnosis.comparison.judge import FITTING_SHARE, check_output, judge
 from sysid.diagnosis.models.fitted_model import LINEAR, Known
 from sysid.diagnosis.models.resolution import fit_model, resolve_model
@@ -104,7 +104,7 @@ def compare(
         initial_state=initial_state,
         progress=part_of(progress, 0, FITTING_SHARE),
     )
-    return judge(record, fitted, ports=ports, progress=progress)
+    return Comparison.of(judge(record, fitted, ports=ports, progress=progress))
 
 
 def compare_outputs(
@@ -149,11 +149,13 @@ def compare_outputs(
     if count > 1 and isinstance(resolved, Model) and len(resolved.outputs) > 1:
         models = fit_jointly(record, resolved, initial_state, constant, part_of(progress, 0, 50))
         return tuple(
-            judge(
-                one,
-                fitted,
-                ports=ports,
-                progress=part_of(progress, 50 + 50 * i // count, 50 + 50 * (i + 1) // count),
+            Comparison.of(
+                judge(
+                    one,
+                    fitted,
+                    ports=ports,
+                    progress=part_of(progress, 50 + 50 * i // count, 50 + 50 * (i + 1) // count),
+                )
             )
             for i, (one, fitted) in enumerate(zip(each, models, strict=True))
         )

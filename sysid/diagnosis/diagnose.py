@@ -56,8 +56,9 @@ def diagnose(
     ----------
     record : Record
         With one output.
-    model : str, Model or Structure
-        ``"linear"``, the name of a physical model, a TOML file, or a model.
+    model : str, Model, SavedModel, SavedPhysicalModel or Structure
+        ``"linear"``, the name of a physical model, a TOML file, a model, or a saved one: its effects are
+        added and all of it is fitted anew, a physical model from its values.
     order : int, optional
         Of the linear model; chosen by the validation error if not given.
     initial_state : {"estimate", "rest"}
@@ -113,6 +114,7 @@ def diagnose(
     _check(record, max_effects, alpha, accept)
     if jobs < 1:
         raise UsageError(f"jobs is {jobs}: give 1 or more")
+    model, order, add = taken_up(record, model, order, add)
     long = int(record.learning.sum()) > LONGEST and not hasattr(model, "offered")
     count = rows_for_one(record) if long and model != "linear" else 1
     part, chosen = record, record.learning
@@ -233,6 +235,22 @@ def structure_of(
         raise UsageError("--order is for the linear model: a physical model has its own")
     loaded = model if isinstance(model, Model) else load_model(model)
     return PhysicsStructure(record, loaded.with_parameters(start, fixed), initial_state)
+
+
+def taken_up(
+    record: Record, model: Any, order: int | None, add: Sequence[str | Effect]
+) -> tuple[Any, int | None, Sequence[str | Effect]]:
+    """Return a saved model as one to be fitted, its effects among those to be added; others as they are."""
+    from sysid.diagnosis.export.saved_linear import SavedModel
+    from sysid.diagnosis.models.known_model import at_period
+    from sysid.diagnosis.models.resolution import known_model
+
+    known = known_model(model)
+    if known is None:
+        return model, order, add
+    saved = at_period(known.saved, record)
+    effects = [*(effect.effect for effect in saved.effects), *add]
+    return ("linear", saved.order, effects) if isinstance(saved, SavedModel) else (saved.model, None, effects)
 
 
 def _catalogue() -> tuple[Effect, ...]:

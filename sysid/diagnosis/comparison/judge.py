@@ -7,7 +7,7 @@ import numpy as np
 
 from sysid.data import Record
 from sysid.data.record import Mask
-from sysid.diagnosis.comparison.comparison import Comparison
+from sysid.diagnosis.comparison.judgement import Judgement
 from sysid.diagnosis.comparison.noise import noise_floor
 from sysid.diagnosis.comparison.nonlinear_tests import nonlinear_tests
 from sysid.diagnosis.comparison.periods import Distortion, distortion, periodic_part
@@ -35,7 +35,7 @@ def judge(
     *,
     ports: bool = True,
     progress: Callback | None = None,
-) -> Comparison:
+) -> Judgement:
     """Judge a fitted model on the rows it has not seen.
 
     Parameters
@@ -50,7 +50,7 @@ def judge(
 
     Returns
     -------
-    Comparison
+    Judgement
     """
     check_output(record)
     prediction = fitted.predict(record)
@@ -64,7 +64,7 @@ def judge(
     location = locate(series, learned, part_of(progress, FITTING_SHARE, LOCATING_SHARE))
     location = _with_reversals(location, series, prediction.free_run, fitted)
     curves, notes = _explored(record, fitted, part_of(progress, LOCATING_SHARE, 100)) if ports else ((), ())
-    return Comparison(
+    return Judgement(
         record=record,
         model=fitted,
         prediction=prediction,

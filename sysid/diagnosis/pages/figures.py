@@ -19,11 +19,11 @@ from sysid.diagnosis.pages.figures_where import (
 )
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.comparison.comparison import Comparison
+    from sysid.diagnosis.comparison.judgement import Judgement
     from sysid.diagnosis.models.fitted_model import FittedModel, PortView
 
 
-def pictures(comparison: "Comparison") -> dict[str, list[Picture]]:
+def pictures(comparison: "Judgement") -> dict[str, list[Picture]]:
     """Draw all figures of the page, by section."""
     found: dict[str, list[Picture]] = {
         "run": [_picture(comparison, overview, 4.3), _picture(comparison, worst_stretch, 4.6)],
@@ -72,8 +72,8 @@ def block_pictures(model: "FittedModel") -> list[Picture]:
     return [drawn_picture(partial(blocks_figure, model.responses()))]
 
 
-Drawer = Callable[["Comparison", float, float], tuple[Any, str, str]]
+Drawer = Callable[["Judgement", float, float], tuple[Any, str, str]]
 
 
-def _picture(comparison: "Comparison", draw: Drawer, height: float) -> Picture:
+def _picture(comparison: "Judgement", draw: Drawer, height: float) -> Picture:
     return drawn_picture(lambda width: draw(comparison, width, height))
