@@ -143,6 +143,8 @@ def test_a_diagnosis_goes_on_from_a_saved_model():
     record = make_record(u, y, PERIOD)
     found = sysid.diagnose(record, saved_linear(), effects=["in_deadzone", "out_quadratic", "in_delay"])
     assert found.accepted == ("in_saturation", "out_quadratic")
+    assert found.sentences()[0] == "Missing in the model with in_saturation: out_quadratic."
+    assert found.advice.startswith("Add out_quadratic.")
     limit = found.final.fitted.parameters_of("in_saturation")[0]
     assert abs(limit.value - 0.5) < 4 * limit.std_error
 
@@ -156,5 +158,6 @@ def test_a_diagnosis_goes_on_from_a_saved_physical_model(tmp_path):
         make_record(u, y, PERIOD), tmp_path / "mass.toml", effects=["coulomb", "out_offset"]
     )
     assert found.accepted == ("quad_drag",)
+    assert found.sentences()[0] == "With quad_drag, which was given, nothing further is missing."
     (drag,) = found.final.fitted.parameters_of("quad_drag")
     assert abs(drag.value - 0.4) < 4 * drag.std_error

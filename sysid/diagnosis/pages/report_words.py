@@ -90,7 +90,8 @@ def _headline(diagnosis: "Outcome") -> str:
     names = " and ".join(diagnosis.accepted)
     best = next((t for t in diagnosis.decision.trials if t.fit is not None), None)
     return {
-        "missing-effect": f"Missing in the model: {names or (best.name if best else '')}.",
+        "missing-effect": _beside_given(diagnosis)
+        or f"Missing in the model: {names or (best.name if best else '')}.",
         "nothing-missing": "Nothing is missing in the model.",
         "coloured-noise": "Nothing is missing in the model but a memory of the noise.",
         "unexplained": f"Missing in the model: {names}, or what resembles it, and something that no "
@@ -99,6 +100,18 @@ def _headline(diagnosis: "Outcome") -> str:
         else "Something is missing in the model that no candidate explains.",
         "not-identifiable": "The model's parameters cannot be told from this record.",
     }[diagnosis.verdict]
+
+
+def _beside_given(diagnosis: "Outcome") -> str:
+    """Return what is missing beside effects that were added whatever the evidence; empty without any."""
+    given = diagnosis.decision.given
+    if not given:
+        return ""
+    found = " and ".join(name for name in diagnosis.accepted if name not in given)
+    beside = " and ".join(given)
+    if found:
+        return f"Missing in the model with {beside}: {found}."
+    return f"With {beside}, which {'was' if len(given) == 1 else 'were'} given, nothing further is missing."
 
 
 def _unrelated(diagnosis: "Outcome") -> list[str]:
