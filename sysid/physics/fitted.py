@@ -1,8 +1,7 @@
 """A fitted physical model, and what it predicts."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from sysid.data import Record
 from sysid.data.record import Mask, check_record
 from sysid.linear.forms import Floats
 from sysid.linear.reduction import Segment
-from sysid.linear.simulation import Prediction, check_fits, predict_experiments
+from sysid.linear.simulation import Prediction, check_fits, predict_outputs
 from sysid.physics.joint import EXACT_SHARE
 from sysid.physics.model import Model
 from sysid.physics.problem import Problem
@@ -128,24 +127,11 @@ class PhysicsFit:
         check_fits(check_record(record), self.inputs, self.outputs, self.period)
         estimated = iter(self.states)
 
-        free_start = self.initial_state == "estimate"
-        runs: dict[int | None, Floats] = {}
-
         def run(part: slice, used: Mask, fitted: bool) -> Floats:
-            if part.start not in runs:
-                runs[part.start] = _run(self, record, part, used, next(estimated, None) if fitted else None)
-            return runs[part.start]
+            return _run(self, record, part, used, next(estimated, None) if fitted else None)
 
-        found = []
-        for place, noise in enumerate(self.uncertainty.noises):
-            take = partial(_column, run, place)
-            found.append(predict_experiments(record, rows, self.order, noise, free_start, take, output=place))
-        if len(found) == 1:
-            return found[0]
-        free_run, one_step = (
-            np.column_stack([getattr(p, n) for p in found]) for n in ("free_run", "one_step")
-        )
-        return Prediction(free_run, one_step, found[0].starts)
+        free_start = self.initial_state == "estimate"
+        return predict_outputs(record, rows, self.order, self.uncertainty.noises, free_start, run)
 
     def __repr__(self) -> str:
         size = f"rms {self.rms:.4g} on {self.n_rows} rows"
@@ -158,12 +144,6 @@ class PhysicsFit:
                 spread += f" (prior {prior.mean:.4g} ± {prior.std:.2g})"
             lines.append(f"  {name:8s} {value: .6g} {self.unit(name)} {spread}")
         return "\n".join([*lines, f"  {self.status}"])
-
-
-def _column(
-    run: Callable[[slice, Mask, bool], Floats], place: int, part: slice, used: Mask, fitted: bool
-) -> Floats:
-    return np.ascontiguousarray(run(part, used, fitted)[:, place])
 
 
 def _run(fit: PhysicsFit, record: Record, part: slice, used: Mask, near: Floats | None) -> Floats:
