@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data import Record
-from sysid.diagnosis.comparison.scores import finite, nrmse_interval, score
+from sysid.diagnosis.comparison.scores import nrmse_interval, score
 from sysid.diagnosis.decide.decision import Decision
 from sysid.diagnosis.decide.evidence import TIED, block_separation
 from sysid.diagnosis.decide.noise_colour import noise_of
@@ -25,6 +25,7 @@ from sysid.diagnosis.structures.structure import (
 from sysid.diagnosis.wording import NORMAL_95
 from sysid.errors import UsageError
 from sysid.progress import ProgressTask
+from sysid.result_files import finite
 
 
 @dataclass(frozen=True, eq=False)
