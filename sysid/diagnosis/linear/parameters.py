@@ -61,14 +61,14 @@ def standard_errors(chain: Chain, data: Data, point: Floats, noise: Floats, cost
     scale = np.linalg.norm(J, axis=0)
     used = scale > 0.0  # a relay's threshold moves within its cell without any change
     R = np.linalg.qr(J[:, used] / scale[used], mode="r")
+    variance = cost / max(J.shape[0] - point.size, 1)
     if np.abs(np.diag(R)).min(initial=1.0) > DEPENDENT:
         spread = np.linalg.norm(np.linalg.inv(R), axis=1)
-        variance = cost / max(J.shape[0] - point.size, 1)
         errors[used] = spread * np.sqrt(variance) / scale[used]
         errors = errors_over_minima(chain, data, point, noise, cost, variance, errors)
     cells = read_cells(chain, data, point)
     if cells is not None:
-        errors *= cells.widening(point.size)
+        errors *= cells.widening(point.size, np.sqrt(variance))
         errors[chain.places(data)[-1].start] = cells.step_error
     return errors
 

@@ -59,7 +59,7 @@ def standard_errors(problem: Problem, point: Floats) -> Floats:
     errors[lost | (np.abs(right[~seen]).max(axis=0, initial=0.0) > LOOSE)] = np.inf
     cells = read_cells(problem, point)
     if cells is not None:
-        errors *= cells.widening(problem.size)
+        errors *= cells.widening(problem.size, spread)
         errors[problem.effect_places[-1].start] = cells.step_error
     errors[_relative_to_a_level(problem, point)] = np.inf
     return np.asarray(errors)
