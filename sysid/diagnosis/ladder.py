@@ -146,6 +146,7 @@ def climb(
     record = structure.record
     plain = thin or decision.verdict == "unexplained"
     noise = WHITE if plain else _weighting(structure, estimates[-1], decision.noise.polynomial)
+    plain = plain or noise.size < decision.noise.polynomial.size
     finals = []
     for fit in estimates:
         final = structure.fit(fit.choices, record.learning, noise, fit, effort=Effort.REFIT)
@@ -153,7 +154,7 @@ def climb(
             final = fit
         final = with_fine_steps(structure, final, noise)
         own = noise_of(record.y[:, 0] - final.output, record.learning).polynomial if plain else noise
-        finals.append(structure.finish(final, own))
+        finals.append(structure.finish(final, own, plain=plain))
         bar.advance()
     floor = decision.floor
     y = record.y[record.validation, 0]

@@ -1,5 +1,6 @@
 """What the point of a linear model says to a reader: named parameters, their errors, the equation."""
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,7 +11,8 @@ from sysid.diagnosis.linear.cells import read_cells
 from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.modes import errors_over_minima
 from sysid.diagnosis.linear.rows import Data
-from sysid.diagnosis.structures.structure import Choice, FittedParameter
+from sysid.diagnosis.structures.plain_errors import plain_errors
+from sysid.diagnosis.structures.structure import WHITE, Choice, FittedParameter
 
 # Of the diagonal of R, columns scaled to unit length: below it the unknowns cannot be told apart.
 DEPENDENT = 1e-10
@@ -71,6 +73,21 @@ def standard_errors(chain: Chain, data: Data, point: Floats, noise: Floats, cost
         errors *= cells.widening(point.size, np.sqrt(variance))
         errors[chain.places(data)[-1].start] = cells.step_error
     return errors
+
+
+def widened_by_memory(chain: Chain, data: Data, point: Floats, noise: Floats) -> Floats:
+    """Return by how much a fit that took coloured noise for white knows each unknown less well."""
+    run = chain.run(data, point)
+    if run is None:
+        return np.ones(point.size)
+    J = chain.slopes(data, point, run, WHITE).T
+    residual = (run.y - data.y)[data.used]
+    kept = np.concatenate([[0], np.cumsum(data.used)])
+    edges = kept[data.begin].tolist()
+    runs = [slice(first, end) for first, end in itertools.pairwise(edges) if end > first]
+    coloured, white = (plain_errors(J, residual, runs, d) for d in (noise, WHITE))
+    known = np.isfinite(white) & (white > 0.0)
+    return np.where(known, coloured / np.where(known, white, 1.0), 1.0)
 
 
 def equation_text(order: int, constant: bool, point: Floats, choices: Sequence[Choice]) -> str:

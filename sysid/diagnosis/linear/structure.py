@@ -14,7 +14,12 @@ from sysid.diagnosis.linear.chain import MOST_DRIVES, Chain, too_many_drives
 from sysid.diagnosis.linear.directions import directions_of
 from sysid.diagnosis.linear.free_run import free_run
 from sysid.diagnosis.linear.levenberg import Minimum, minimise
-from sysid.diagnosis.linear.parameters import equation_text, named_parameters, standard_errors
+from sysid.diagnosis.linear.parameters import (
+    equation_text,
+    named_parameters,
+    standard_errors,
+    widened_by_memory,
+)
 from sysid.diagnosis.linear.probes import probe_directions
 from sysid.diagnosis.linear.restarts import AGREEMENT, restarted
 from sysid.diagnosis.linear.rows import Data, data_of, for_search, on_record
@@ -247,10 +252,12 @@ class LinearStructure:
         free[held] = False
         return minimise(chain, data, point, noise, free=free, iterations=40)
 
-    def finish(self, fit: StructureFit, noise: Floats) -> StructureFit:
+    def finish(self, fit: StructureFit, noise: Floats, *, plain: bool = False) -> StructureFit:
         """Return a fit with standard errors of its parameters filled in."""
         data, chain = self.data(fit.rows), self.chain(fit.choices)
-        errors = standard_errors(chain, data, fit.point, noise, fit.cost)
+        errors = standard_errors(chain, data, fit.point, WHITE if plain else noise, fit.cost)
+        if plain and noise.size > 1:
+            errors *= widened_by_memory(chain, data, fit.point, noise)
         own = [*range(2 * self.order + int(chain.constant)), *range(chain.n_linear(data), fit.point.size)]
         parameters = tuple(
             replace(parameter, std_error=float(error))

@@ -166,8 +166,11 @@ class Structure(Protocol):
         """
         ...
 
-    def finish(self, fit: StructureFit, noise: Floats) -> StructureFit:
-        """Return a fit with standard errors of its parameters filled in."""
+    def finish(self, fit: StructureFit, noise: Floats, *, plain: bool = False) -> StructureFit:
+        """Return a fit with standard errors of its parameters filled in.
+
+        ``plain`` says that the fit did not weigh the errors by the colour of the noise.
+        """
         ...
 
     def probes(self, fit: StructureFit) -> Floats:
