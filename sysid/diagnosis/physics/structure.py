@@ -375,8 +375,9 @@ class PhysicsStructure:
         """Return how an effect, added to a fit, would change its free run."""
         return directions(self.setting, fit, effect)
 
-    def finish(self, fit: StructureFit, noise: Floats) -> StructureFit:
-        """Return a fit with standard errors of its parameters filled in."""
+    def finish(self, fit: StructureFit, noise: Floats, *, closely: bool = False) -> StructureFit:
+        """Return a fit with standard errors of its parameters filled in, as slopes tell them."""
+        del closely
         problem = self._problem(fit.choices, fit.rows, noise)
         errors = standard_errors(problem, fit.point)
         return replace(fit, parameters=named_parameters(problem, fit.point, errors))

@@ -166,8 +166,11 @@ class Structure(Protocol):
         """
         ...
 
-    def finish(self, fit: StructureFit, noise: Floats) -> StructureFit:
-        """Return a fit with standard errors of its parameters filled in."""
+    def finish(self, fit: StructureFit, noise: Floats, *, closely: bool = False) -> StructureFit:
+        """Return a fit with standard errors of its parameters filled in.
+
+        ``closely`` asks for more than slopes tell, for a fit that is a minimum under this noise.
+        """
         ...
 
     def probes(self, fit: StructureFit) -> Floats:
