@@ -70,7 +70,7 @@ class DiagnosedModel:
             ]
             n = rows.sum()
             current = min(options, key=lambda o: n * np.log(max(o.cost, 1e-300)) + o.n_parameters * np.log(n))
-        return DiagnosedModel(self.structure, self.structure.finish(current, WHITE))
+        return DiagnosedModel(self.structure, self.structure.finish(current, WHITE, closely=True))
 
     @property
     def parameters(self) -> tuple[FittedParameter, ...]:
@@ -154,7 +154,7 @@ def climb(
             final = fit
         final = with_fine_steps(structure, final, noise)
         own = noise_of(record.y[:, 0] - final.output, record.learning).polynomial if plain else noise
-        finals.append(structure.finish(final, own, plain=plain))
+        finals.append(structure.finish(final, own, plain=plain, closely=not plain))
         bar.advance()
     floor = decision.floor
     y = record.y[record.validation, 0]
