@@ -22,7 +22,7 @@ from sysid.diagnosis.structures.structure import (
     StructureFit,
     with_fine_steps,
 )
-from sysid.diagnosis.wording import NORMAL_95
+from sysid.diagnosis.wording import plus_minus
 from sysid.errors import UsageError
 from sysid.progress import ProgressTask
 from sysid.result_files import finite
@@ -89,7 +89,8 @@ class DiagnosedModel:
     def __repr__(self) -> str:
         lines = [f"Model {self.structure.name!r} with {', '.join(self.fitted.names) or 'no effect'}"]
         lines += [
-            f"  {p.name:12s} {p.value: .6g} ± {NORMAL_95 * p.std_error:.2g} {p.unit}" for p in self.parameters
+            f"  {p.name:14s} {p.value: .6g} {plus_minus(p.std_error) or '(no interval)'} {p.unit}".rstrip()
+            for p in self.parameters
         ]
         return "\n".join(lines)
 
