@@ -12,8 +12,8 @@ from benchmarks.hidden_effects.plan import assign
 from sysid.cli import main
 from sysid.data import make_record
 from sysid.diagnosis.decide.evidence import orthonormal, remainder, score_screen
-from sysid.diagnosis.decide.procedure import Search
 from sysid.diagnosis.decide.residual_evidence import interleaved
+from sysid.diagnosis.decide.search import Search
 from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.export.saved import load, save, saved_model, to_control, to_python
 from sysid.diagnosis.export.saved_effects import SavedEffect
