@@ -17,6 +17,7 @@ from sysid.diagnosis.ladder import DiagnosedModel
 from sysid.diagnosis.linear.structure import LinearStructure
 from sysid.diagnosis.physics.structure import PhysicsStructure
 from sysid.errors import DataError, SysidError, UsageError
+from sysid.physics.hold import HOLDS
 
 if TYPE_CHECKING:
     import control
@@ -143,15 +144,16 @@ def load(path: Path | str) -> Saved:
         _check_numbers(path, "parameters of its effects", own)
         _check_numbers(path, "period", [content["period"]], positive=True)
         if content["kind"] == PHYSICAL:
-            period, steps = float(content["period"]), int(content["substeps"])
-            found = SavedPhysicalModel(str(content["model"]), period, str(content["hold"]), steps, effects)
+            period, steps, hold = float(content["period"]), int(content["substeps"]), str(content["hold"])
+            _check_numbers(path, "substeps", [steps], positive=True)
+            if hold not in HOLDS:
+                raise DataError(f"{path}: hold is {hold!r}, choose one of {', '.join(HOLDS)}")
+            found = SavedPhysicalModel(str(content["model"]), period, hold, steps, effects)
             found.simulate(np.zeros((1, len(found.model.inputs))))
             return found
         a, b = (tuple(float(v) for v in content[key]) for key in ("a", "b"))
         if not a or len(a) != len(b):
-            raise DataError(
-                f"{path} has {len(a)} coefficients a and {len(b)} coefficients b: give as many of each"
-            )
+            raise DataError(f"{path} has {len(a)} coefficients a and {len(b)} b: give as many of each")
         _check_numbers(path, "coefficients", [*a, *b, content["constant"]])
         return SavedModel(a, b, float(content["constant"]), float(content["period"]), effects)
     except OSError as problem:
@@ -166,8 +168,8 @@ def _check_numbers(path: Path, what: str, values: Sequence[float], *, positive: 
     """Raise DataError unless all values are finite, and positive if asked."""
     for value in map(float, values):
         if not isfinite(value) or (positive and value <= 0.0):
-            rule = "a positive number is" if positive else "finite numbers are"
-            raise DataError(f"{path}: of the {what} one is {value:g}, {rule} needed: save the model again")
+            rule = "positive" if positive else "finite"
+            raise DataError(f"{path}: {what}: {value:g} is no {rule} number, save the model again")
 
 
 def _json_text(saved: Saved) -> str:
