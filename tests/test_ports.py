@@ -410,7 +410,7 @@ def test_where_nothing_can_be_fitted_the_reason_is_given():
 
 
 def test_the_figure_has_a_panel_for_each_port_and_says_what_it_shows():
-    from sysid.diagnosis.ports.figures import ports_picture
+    from sysid.diagnosis.pages.figures_ports import ports_picture
 
     record, _ = simulate("position", "cubic stiffness", n=600)
     curves = explore_ports(record, fit_output_error(record, 2))

@@ -375,10 +375,13 @@ class PhysicsStructure:
         """Return how an effect, added to a fit, would change its free run."""
         return directions(self.setting, fit, effect)
 
-    def finish(self, fit: StructureFit, noise: Floats) -> StructureFit:
-        """Return a fit with standard errors of its parameters filled in."""
-        problem = self._problem(fit.choices, fit.rows, noise)
-        errors = standard_errors(problem, fit.point)
+    def finish(
+        self, fit: StructureFit, noise: Floats, *, plain: bool = False, closely: bool = False
+    ) -> StructureFit:
+        """Return a fit with standard errors of its parameters filled in, as slopes tell them."""
+        del closely
+        problem = self._problem(fit.choices, fit.rows, WHITE if plain else noise)
+        errors = standard_errors(problem, fit.point, noise if plain else WHITE)
         return replace(fit, parameters=named_parameters(problem, fit.point, errors))
 
     def probes(self, fit: StructureFit) -> Floats:
