@@ -471,3 +471,14 @@ def test_curves_are_found_where_the_model_alone_follows_best_with_a_parameter_th
     }
     assert found["lost"] < 0.5
     assert found["nominal"] > 0.95
+
+
+def test_a_plant_that_ran_off_beyond_all_numbers_has_no_curve():
+    rng = np.random.default_rng(5)
+    u = np.repeat(rng.uniform(-1.0, 1.0, 60), 10)
+    model = load_model("mass-spring-damper").with_parameters(start={"m": 1.0, "c": 0.5, "k": 4.0})
+    record = make_record(u, np.cumsum(u) * 0.01 + 0.01 * rng.standard_normal(u.size), 0.1)
+    fit = fit_physics(record, model, initial_state="rest")
+    lost = replace(fit, values={"m": 1e-320, "c": 1.0, "k": 1.0}, nominal={})
+    for curve in explore_ports(record, lost):
+        assert curve.value.size == 0

@@ -25,6 +25,7 @@ from sysid.diagnosis.linear.restarts import AGREEMENT, restarted
 from sysid.diagnosis.linear.rows import Data, data_of, for_search, on_record
 from sysid.diagnosis.linear.search import EffectSearch, Grid
 from sysid.diagnosis.linear.starts import further_starts
+from sysid.diagnosis.linear.thresholds import cells_around
 from sysid.diagnosis.structures.memory import Fits, Memory
 from sysid.diagnosis.structures.sides import with_forms_of
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
@@ -203,6 +204,8 @@ class LinearStructure:
                 break
         if minimum is None:
             return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status="it diverges")
+        if not new and not np.array_equal(rows, start.rows):
+            minimum = cells_around(chain, data, minimum, noise)
         if effort != 1:  # a ranking can do without
             minimum = within_cells(chain, data, minimum, noise)
         end = "the search came to rest" if minimum.converged else "the search was still moving"

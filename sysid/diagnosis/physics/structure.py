@@ -10,7 +10,7 @@ from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
 from sysid.diagnosis.physics.budget import Budget
-from sysid.diagnosis.physics.cells import within_cells
+from sysid.diagnosis.physics.cells import with_thresholds_between, within_cells
 from sysid.diagnosis.physics.descents import (
     EVALUATIONS,
     TOLERANCES,
@@ -279,7 +279,7 @@ class PhysicsStructure:
             if is_rugged(problem) and not np.array_equal(rows, start.rows):
                 end = scattered(problem, end, EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE])
             end = refined(problem, end, EVALUATIONS[Effort.COARSE], TOLERANCES[effort])
-            return self._result(problem, within_cells(problem, end), True)
+            return self._result(problem, with_thresholds_between(problem, within_cells(problem, end)), True)
         small = first_rows_of(rows, SEARCH_ROWS)
         search, plain = problem, before
         if small.sum() < rows.sum():
