@@ -12,8 +12,8 @@ from benchmarks.hidden_effects.plan import assign
 from sysid.cli import main
 from sysid.data import make_record
 from sysid.diagnosis.decide.evidence import orthonormal, remainder, score_screen
-from sysid.diagnosis.decide.procedure import Search
 from sysid.diagnosis.decide.residual_evidence import interleaved
+from sysid.diagnosis.decide.search import Search
 from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.export.saved import load, save, saved_model, to_control, to_python
 from sysid.diagnosis.export.saved_effects import SavedEffect
@@ -509,3 +509,17 @@ def test_a_damped_path_beside_an_effect_that_only_together_fit_is_called_unexpla
     record = make_record(u, y, period=1.0)
     found = sysid.diagnose(record, order=2, initial_state="rest", effects=["in_saturation", "extra_mode"])
     assert found.verdict == "unexplained"
+
+
+def test_a_relay_that_few_inputs_switch_is_no_dead_zone():
+    rng = np.random.default_rng(4)
+    u = np.repeat(rng.standard_normal(300), 4)
+    threshold = np.quantile(np.abs(u[:900]), 0.85)
+    y = plant(np.sign(u) * (np.abs(u) > threshold))
+    y = y + 0.03 * np.std(y) * rng.standard_normal(u.size)
+    record = make_record(u, y, period=1.0, split=np.repeat(["est", "val", "test"], [600, 300, 300]))
+    candidates = ["in_relay", "in_deadzone", "in_saturation", "in_preload", "coloured_noise"]
+    found = sysid.diagnose(record, order=2, initial_state="rest", effects=candidates)
+    assert found.accepted == ("in_relay",)
+    (threshold_found,) = found.final.fitted.parameters_of("in_relay")
+    assert threshold_found.value == pytest.approx(threshold, rel=0.05)  # between the next two inputs

@@ -6,10 +6,11 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from sysid.data import make_record
+from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.linear.structure import LinearStructure
 from sysid.diagnosis.physics.structure import PhysicsStructure
 from sysid.diagnosis.structures.plain_errors import plain_errors
-from sysid.diagnosis.structures.structure import WHITE, Effort
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort
 from sysid.physics.reading import load_model
 
 MEMORY = np.array([1.0, -0.95])
@@ -83,3 +84,23 @@ def test_a_plain_fit_says_how_far_off_it_is_in_coloured_noise(kind):
         ratios.append([(p.value - value) / p.std_error for p, value in zip(found, truth, strict=True)])
     # The root mean square of 24 runs of some three independent ratios spreads by 8 %.
     assert np.sqrt(np.mean(np.square(ratios))) == pytest.approx(1.0, abs=0.25)
+
+
+def test_what_is_known_only_together_leaves_the_other_errors_as_they_are():
+    """A constant of the equation and an offset of the sensor do the same."""
+    rng = np.random.default_rng(4)
+    u, y = rng.uniform(-1.0, 1.0, 600), np.zeros(600)
+    for k in range(1, u.size):
+        y[k] = 0.7 * y[k - 1] + u[k - 1]
+    record = make_record(u, y + 0.05 * rng.standard_normal(u.size), 1.0)
+    structure = LinearStructure(record, 1)
+    baseline = structure.finish(structure.baseline(record.learning), WHITE)
+    (offset,) = find_effects(["out_offset"])
+    doubled = structure.fit(
+        [Choice(offset, offset.forms[0])], record.learning, WHITE, baseline, effort=Effort.FINE
+    )
+    errors = {p.name: p.std_error for p in structure.finish(doubled, WHITE).parameters}
+    assert np.isnan([errors["constant"], errors["offset"]]).all()
+    for p in baseline.parameters[:2]:
+        # The same fit but for one unknown less, and so one row more to tell the noise by.
+        assert errors[p.name] == pytest.approx(p.std_error, rel=0.01)

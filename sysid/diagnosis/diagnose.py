@@ -9,8 +9,8 @@ from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.advice import advise
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision
-from sysid.diagnosis.decide.procedure import Search
 from sysid.diagnosis.decide.rungs import rungs_of
+from sysid.diagnosis.decide.search import Search
 from sysid.diagnosis.decide.verdict import with_a_detail_left
 from sysid.diagnosis.diagnosis import Diagnosis
 from sysid.diagnosis.effects.base import Effect

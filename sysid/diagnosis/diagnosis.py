@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.diagnosis.comparison.scores import finite
 from sysid.diagnosis.effects.base import Effect
 from sysid.diagnosis.ladder import DiagnosedModel
 from sysid.diagnosis.outcome import Outcome
 from sysid.diagnosis.pages.report_words import sentences
+from sysid.result_files import finite
 
 if TYPE_CHECKING:
     from pathlib import Path

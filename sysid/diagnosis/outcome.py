@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.data import Record
-from sysid.diagnosis.comparison.scores import finite
 from sysid.diagnosis.decide.decision import Decision, Trial
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.ladder import DiagnosedModel, Rung, parameters_json
 from sysid.diagnosis.structures.structure import Structure
+from sysid.result_files import finite
 
 if TYPE_CHECKING:
     from sysid.diagnosis.comparison.where import Finding

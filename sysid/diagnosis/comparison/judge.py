@@ -11,11 +11,11 @@ from sysid.diagnosis.comparison.judgement import Judgement
 from sysid.diagnosis.comparison.noise import noise_floor
 from sysid.diagnosis.comparison.nonlinear_tests import nonlinear_tests
 from sysid.diagnosis.comparison.periods import Distortion, distortion, periodic_part
-from sysid.diagnosis.comparison.residuals import CorrelationTest, input_independence, whiteness
 from sysid.diagnosis.comparison.series import Series, judged_series
 from sysid.diagnosis.comparison.set_scores import judged_rows, set_scores
 from sysid.diagnosis.comparison.where import Location, locate
 from sysid.diagnosis.models.fitted_model import FittedModel
+from sysid.diagnosis.residuals import CorrelationTest, input_independence, whiteness
 from sysid.errors import SysidError, UsageError
 from sysid.linear.forms import Floats
 from sysid.progress import Callback, part_of

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.data import Record
-from sysid.diagnosis.comparison.residuals import BAND_LEVEL, CorrelationTest
-from sysid.diagnosis.comparison.scores import Score, SetScore, finite
+from sysid.diagnosis.comparison.scores import Score, SetScore
+from sysid.diagnosis.residuals import BAND_LEVEL, CorrelationTest
 from sysid.diagnosis.wording import percent, quantity
+from sysid.result_files import finite
 
 if TYPE_CHECKING:
     from sysid.diagnosis.comparison.judgement import Judgement

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from math import isfinite, pi
 from typing import TYPE_CHECKING
 
-from sysid.diagnosis.comparison.residuals import CorrelationTest
 from sysid.diagnosis.comparison.summary import sentences, spoken
+from sysid.diagnosis.residuals import CorrelationTest
 from sysid.diagnosis.wording import interval_text, percent, quantity, significant
 
 if TYPE_CHECKING:

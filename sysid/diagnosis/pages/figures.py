@@ -49,8 +49,8 @@ def pictures(comparison: "Judgement") -> dict[str, list[Picture]]:
 
 def port_pictures(ports: "tuple[PortView, ...]") -> list[Picture]:
     """Draw the free-form curves, if there are any."""
+    from sysid.diagnosis.pages.figures_ports import ports_picture
     from sysid.diagnosis.ports import PortCurve
-    from sysid.diagnosis.ports.figures import ports_picture
 
     curves = [port for port in ports if isinstance(port, PortCurve) and port.value.size]
     return [ports_picture(curves)] if curves else []
@@ -58,7 +58,7 @@ def port_pictures(ports: "tuple[PortView, ...]") -> list[Picture]:
 
 def map_pictures(model: "FittedModel") -> list[Picture]:
     """Draw the maps that are part of the model, if there are any."""
-    from sysid.diagnosis.ports.figures import map_figure
+    from sysid.diagnosis.pages.figures_ports import map_figure
 
     if not isinstance(model, Mapped):
         return []

@@ -124,7 +124,7 @@ def worst_rows(
 
 def _zoom_length(error: "Floats") -> int:
     """Return how many rows show some swings of the error: a few of its correlation times."""
-    from sysid.diagnosis.comparison.scores import block_length
+    from sysid.diagnosis.residuals import block_length
 
     wanted = max(ZOOMED_ROWS, 3 * block_length(np.nan_to_num(error) ** 2))
     return int(min(wanted, max(error.size // 4, min(60, error.size)), error.size))

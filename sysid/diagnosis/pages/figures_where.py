@@ -4,11 +4,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.diagnosis.comparison.residuals import BAND
 from sysid.diagnosis.comparison.surrogates import newly_arising
 from sysid.diagnosis.comparison.where import LEVEL, Finding, Share
 from sysid.diagnosis.pages.drawing import NARROW, axis_label, legend, plain
 from sysid.diagnosis.pages.figures_run import draw_with_input, worst_rows
+from sysid.diagnosis.residuals import BAND
 from sysid.diagnosis.wording import percent, quantity, significant
 from sysid.reporting.style import COLOURS, GREY, subplots
 

@@ -19,6 +19,8 @@ BLOCKS, ROWS_OF_BLOCK = 24, 8
 LEAST_TREND, LEAST_GROWTH = 3.3, 1.5
 # A model follows next to nothing of the output if its error has this share of its deviation.
 UNRELATED = 0.98
+# Half an interval of a coefficient of the denominator that leaves poles open: they lie within a unit circle.
+LOOSE_POLES = 0.5
 # A free run within this factor of the floor is down to it: both are estimates, from different rows.
 AT_FLOOR = 1.1
 
@@ -56,9 +58,9 @@ def _noise_floor(diagnosis: "Outcome", judged: str, unit: str) -> list[str]:
 
 
 def _loose(diagnosis: "Outcome") -> list[str]:
-    """Name the parameters of a physical model that the record leaves open."""
+    """Name the parameters of a model that the record leaves open."""
     if getattr(diagnosis.structure, "plant", None) is None:
-        return []
+        return _loose_poles(diagnosis)
     loose = [
         p.name
         for p in diagnosis.final.parameters
@@ -69,6 +71,18 @@ def _loose(diagnosis: "Outcome") -> list[str]:
     return [
         f"The record determines {', '.join(loose[:-1])} and {loose[-1]} only together, each by itself less "
         "well than its own size: the free run does not suffer, but to read them fix one with --fix."
+    ]
+
+
+def _loose_poles(diagnosis: "Outcome") -> list[str]:
+    """Say so where a record leaves the denominator of a linear model, and so its poles, open."""
+    poles = [p for p in diagnosis.final.parameters if not p.owner and p.name.startswith("a")]
+    if len(poles) < 2 or all(NORMAL_95 * p.std_error < LOOSE_POLES for p in poles):
+        return []
+    return [
+        f"The record does not tell all {len(poles)} poles: {poles[0].name} to {poles[-1].name} and the "
+        "coefficients of the input are known only together, each by itself within its wide interval. The "
+        "free run does not suffer; to read them, try a lower --order or an input of more frequencies."
     ]
 
 

@@ -52,10 +52,12 @@ def standard_errors(problem: Problem, point: Floats, left: Floats = WHITE) -> Fl
     J = slopes_of_both_sides(problem, point)
     edges = problem.run_edges.tolist()
     runs = [slice(first, end) for first, end in itertools.pairwise(edges)]
-    errors = plain_errors(J, problem.residual(point), runs, left)
+    residual = problem.residual(point)
+    errors = plain_errors(J, residual, runs, left)
     cells = read_cells(problem, point)
     if cells is not None:
-        errors *= cells.widening(problem.size)
+        spread = np.linalg.norm(residual) / np.sqrt(max(residual.size - problem.size, 1))
+        errors *= cells.widening(problem.size, float(spread))
         errors[problem.effect_places[-1].start] = cells.step_error
     errors[_relative_to_a_level(problem, point)] = np.inf
     return np.asarray(errors)
