@@ -1,5 +1,7 @@
 """A saved model on another record: judged as it is, its initial states found, nothing else fitted."""
 
+import json
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -10,7 +12,7 @@ from sysid.data import make_record
 from sysid.diagnosis.export.saved_effects import SavedEffect
 from sysid.diagnosis.export.saved_linear import SavedModel
 from sysid.diagnosis.export.saved_physics import SavedPhysicalModel
-from sysid.errors import UsageError
+from sysid.errors import SysidError, UsageError
 from sysid.physics import load_model
 from sysid.physics.writing import model_text
 
@@ -161,3 +163,38 @@ def test_a_diagnosis_goes_on_from_a_saved_physical_model(tmp_path):
     assert found.sentences()[0] == "With quad_drag, which was given, nothing further is missing."
     (drag,) = found.final.fitted.parameters_of("quad_drag")
     assert abs(drag.value - 0.4) < 4 * drag.std_error
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"a": []}, "0 coefficients a and 2 b"),
+        ({"period": -1.0}, "period: -1 is no positive number"),
+        ({"constant": float("nan")}, "coefficients: nan is no finite number"),
+        ({"effects": [{"name": "in_saturation", "form": "symmetric", "parameters": {}}]}, "'level'"),
+        ({"effects": [{"name": "nothing", "form": "x", "parameters": {}}]}, "'nothing' is not known"),
+        ({"kind": "sysid-lft-model"}, "it holds 'sysid-lft-model'"),
+    ],
+)
+def test_a_saved_model_that_was_changed_by_hand_is_one_sentence(tmp_path, changed, message):
+    file = tmp_path / "model.json"
+    file.write_text(json.dumps(saved_linear().to_json() | changed))
+    with pytest.raises(SysidError) as caught:
+        sysid.load(file)
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"substeps": 0}, "substeps: 0 is no positive number"),
+        ({"hold": "odd"}, "hold is 'odd', choose one of zero, smooth"),
+        ({"model": "x"}, "is not TOML"),
+    ],
+)
+def test_a_saved_physical_model_that_was_changed_by_hand_is_one_sentence(tmp_path, changed, message):
+    file = tmp_path / "model.json"
+    file.write_text(json.dumps(saved_mass().to_json() | changed))
+    with pytest.raises(SysidError) as caught:
+        sysid.load(file)
+    assert message in str(caught.value)

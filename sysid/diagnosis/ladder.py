@@ -24,6 +24,7 @@ from sysid.diagnosis.structures.structure import (
 )
 from sysid.diagnosis.wording import plus_minus
 from sysid.errors import UsageError
+from sysid.linear.unit_root import with_unit_root
 from sysid.progress import ProgressTask
 from sysid.result_files import finite
 
@@ -154,7 +155,7 @@ def climb(
         if not final.usable:  # under rows that neither fit has seen
             final = fit
         final = with_fine_steps(structure, final, noise)
-        own = noise_of(record.y[:, 0] - final.output, record.learning).polynomial if plain else noise
+        own = _memory(record, final) if plain else noise
         finals.append(structure.finish(final, own, plain=plain, closely=not plain))
         bar.advance()
     floor = decision.floor
@@ -172,6 +173,14 @@ def climb(
         removed = 0.0 if step == 0 else (errors[step - 1] - errors[step]) / explainable
         rungs.append(Rung(step, effect, DiagnosedModel(structure, final), scores, removed))
     return tuple(rungs)
+
+
+def _memory(record: Record, fit: StructureFit) -> Floats:
+    """Return D(q) of what is left by a fit to the learning rows."""
+    residual = record.y[:, 0] - fit.output
+    noise = noise_of(residual, record.learning).polynomial
+    parts = [residual[part][record.learning[part]] for part in record.slices]
+    return with_unit_root(parts, noise)
 
 
 def _weighting(structure: Structure, fit: StructureFit, noise: Floats) -> Floats:

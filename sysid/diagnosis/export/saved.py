@@ -2,6 +2,8 @@
 
 import json
 import tomllib
+from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +17,7 @@ from sysid.diagnosis.ladder import DiagnosedModel
 from sysid.diagnosis.linear.structure import LinearStructure
 from sysid.diagnosis.physics.structure import PhysicsStructure
 from sysid.errors import DataError, SysidError, UsageError
+from sysid.physics.hold import HOLDS
 
 if TYPE_CHECKING:
     import control
@@ -137,12 +140,21 @@ def load(path: Path | str) -> Saved:
         if content["schema"] != SCHEMA:
             raise DataError(f"{path} is no model of this version: save it again")
         effects = read_saved_effects(content["effects"])
+        own = [value for effect in effects for value in effect.values]
+        _check_numbers(path, "parameters of its effects", own)
+        _check_numbers(path, "period", [content["period"]], positive=True)
         if content["kind"] == PHYSICAL:
-            period, steps = float(content["period"]), int(content["substeps"])
-            found = SavedPhysicalModel(str(content["model"]), period, str(content["hold"]), steps, effects)
+            period, steps, hold = float(content["period"]), int(content["substeps"]), str(content["hold"])
+            _check_numbers(path, "substeps", [steps], positive=True)
+            if hold not in HOLDS:
+                raise DataError(f"{path}: hold is {hold!r}, choose one of {', '.join(HOLDS)}")
+            found = SavedPhysicalModel(str(content["model"]), period, hold, steps, effects)
             found.simulate(np.zeros((1, len(found.model.inputs))))
             return found
         a, b = (tuple(float(v) for v in content[key]) for key in ("a", "b"))
+        if not a or len(a) != len(b):
+            raise DataError(f"{path} has {len(a)} coefficients a and {len(b)} b: give as many of each")
+        _check_numbers(path, "coefficients", [*a, *b, content["constant"]])
         return SavedModel(a, b, float(content["constant"]), float(content["period"]), effects)
     except OSError as problem:
         raise DataError(f"{path} cannot be read ({problem.strerror}): give a saved model") from None
@@ -150,6 +162,14 @@ def load(path: Path | str) -> Saved:
         if isinstance(problem, SysidError):
             raise
         raise DataError(f"{path} is no saved model ({problem!r}): write one with --save") from None
+
+
+def _check_numbers(path: Path, what: str, values: Sequence[float], *, positive: bool = False) -> None:
+    """Raise DataError unless all values are finite, and positive if asked."""
+    for value in map(float, values):
+        if not isfinite(value) or (positive and value <= 0.0):
+            rule = "positive" if positive else "finite"
+            raise DataError(f"{path}: {what}: {value:g} is no {rule} number, save the model again")
 
 
 def _json_text(saved: Saved) -> str:
