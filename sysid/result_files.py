@@ -17,6 +17,11 @@ def stem_of(data: Path) -> str:
     return data.name.removesuffix(".gz").rsplit(".", 1)[0]
 
 
+def finite(value: float) -> float | None:
+    """Return the value, or None if it is not finite: JSON has no NaN."""
+    return float(value) if isfinite(value) else None
+
+
 def to_json_text(content: dict[str, Any]) -> str:
     """Return strict JSON: no NaN."""
     return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"

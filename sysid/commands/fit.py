@@ -19,13 +19,14 @@ from sysid.result_files import (
 )
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.comparison.comparison import Comparison
+    from sysid.diagnosis.comparison.judgement import Judgement
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run `sysid fit`; errors of use and of data are raised as `SysidError`."""
     from threadpoolctl import threadpool_limits
 
+    from sysid.diagnosis.compared import Comparison
     from sysid.diagnosis.comparison.judge import FITTING_SHARE, judge
     from sysid.progress import part_of, percent_of, progress
 
@@ -51,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
                 initial_state=arguments.initial_state,
                 progress=part_of(advance, 0, FITTING_SHARE),
             )
-            comparison = judge(record, model, ports=False, progress=advance)
+            comparison = Comparison.of(judge(record, model, ports=False, progress=advance))
         with bars.task("page", total=None):
             write_text(page, comparison.to_html())
             if arguments.pdf is not None:
@@ -71,7 +72,7 @@ def _given(arguments: argparse.Namespace) -> dict[str, Any]:
     return {flag: text for flag, text in values.items() if text is not None}
 
 
-def _predictions(comparison: "Comparison") -> str:
+def _predictions(comparison: "Judgement") -> str:
     """Return a CSV with one row for each row of the file, in its order."""
     record, prediction = comparison.record, comparison.prediction
     columns = {

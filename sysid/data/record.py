@@ -143,6 +143,11 @@ class Record:
         place = self.outputs.index(name)
         return replace(self, y=_frozen(self.y[:, place : place + 1].copy()), outputs=(name,))
 
+    def as_test_set(self) -> "Record":
+        """Return the same record with all rows in one test set, for a model that is fitted to none."""
+        held_out = np.zeros(self.n_samples, dtype=bool)
+        return replace(self, split=_frozen(np.full(self.n_samples, TEST_PREFIX)), held_out=_frozen(held_out))
+
     def unit(self, column: str) -> str:
         """Return the unit of a column, or an empty string."""
         return self.units.get(column, "")

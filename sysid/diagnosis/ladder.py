@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data import Record
-from sysid.diagnosis.comparison.scores import finite, nrmse_interval, score
+from sysid.diagnosis.comparison.scores import nrmse_interval, score
 from sysid.diagnosis.decide.decision import Decision
 from sysid.diagnosis.decide.evidence import TIED, block_separation
 from sysid.diagnosis.decide.noise_colour import noise_of
@@ -22,9 +22,11 @@ from sysid.diagnosis.structures.structure import (
     StructureFit,
     with_fine_steps,
 )
-from sysid.diagnosis.wording import NORMAL_95
+from sysid.diagnosis.wording import plus_minus
 from sysid.errors import UsageError
+from sysid.linear.unit_root import with_unit_root
 from sysid.progress import ProgressTask
+from sysid.result_files import finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +90,8 @@ class DiagnosedModel:
     def __repr__(self) -> str:
         lines = [f"Model {self.structure.name!r} with {', '.join(self.fitted.names) or 'no effect'}"]
         lines += [
-            f"  {p.name:12s} {p.value: .6g} ± {NORMAL_95 * p.std_error:.2g} {p.unit}" for p in self.parameters
+            f"  {p.name:14s} {p.value: .6g} {plus_minus(p.std_error) or '(no interval)'} {p.unit}".rstrip()
+            for p in self.parameters
         ]
         return "\n".join(lines)
 
@@ -145,14 +148,15 @@ def climb(
     record = structure.record
     plain = thin or decision.verdict == "unexplained"
     noise = WHITE if plain else _weighting(structure, estimates[-1], decision.noise.polynomial)
+    plain = plain or noise.size < decision.noise.polynomial.size
     finals = []
     for fit in estimates:
         final = structure.fit(fit.choices, record.learning, noise, fit, effort=Effort.REFIT)
         if not final.usable:  # under rows that neither fit has seen
             final = fit
         final = with_fine_steps(structure, final, noise)
-        own = noise_of(record.y[:, 0] - final.output, record.learning).polynomial if plain else noise
-        finals.append(structure.finish(final, own, closely=not plain))
+        own = _memory(record, final) if plain else noise
+        finals.append(structure.finish(final, own, plain=plain, closely=not plain))
         bar.advance()
     floor = decision.floor
     y = record.y[record.validation, 0]
@@ -169,6 +173,14 @@ def climb(
         removed = 0.0 if step == 0 else (errors[step - 1] - errors[step]) / explainable
         rungs.append(Rung(step, effect, DiagnosedModel(structure, final), scores, removed))
     return tuple(rungs)
+
+
+def _memory(record: Record, fit: StructureFit) -> Floats:
+    """Return D(q) of what is left by a fit to the learning rows."""
+    residual = record.y[:, 0] - fit.output
+    noise = noise_of(residual, record.learning).polynomial
+    parts = [residual[part][record.learning[part]] for part in record.slices]
+    return with_unit_root(parts, noise)
 
 
 def _weighting(structure: Structure, fit: StructureFit, noise: Floats) -> Floats:

@@ -1,5 +1,6 @@
 """What the point of a linear model says to a reader: named parameters, their errors, the equation."""
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,7 +14,8 @@ from sysid.diagnosis.linear.levenberg import Minimum
 from sysid.diagnosis.linear.modes import errors_over_minima
 from sysid.diagnosis.linear.profile import Profile
 from sysid.diagnosis.linear.rows import Data
-from sysid.diagnosis.structures.structure import Choice, FittedParameter
+from sysid.diagnosis.structures.plain_errors import plain_errors
+from sysid.diagnosis.structures.structure import WHITE, Choice, FittedParameter
 
 # Of the diagonal of R, columns scaled to unit length: below it the unknowns cannot be told apart.
 DEPENDENT = 1e-10
@@ -71,9 +73,9 @@ def standard_errors(
     cells = read_cells(chain, data, point)
     used = scale > 0.0  # a relay's threshold moves within its cell without any change
     R = np.linalg.qr(J[:, used] / scale[used], mode="r")
+    variance = cost / max(J.shape[0] - point.size, 1)
     if np.abs(np.diag(R)).min(initial=1.0) > DEPENDENT:
         inverse = np.linalg.inv(R) / scale[used, np.newaxis]
-        variance = cost / max(J.shape[0] - point.size, 1)
         covariance = np.full((point.size, point.size), np.nan)
         covariance[np.ix_(used, used)] = variance * inverse @ inverse.T
         errors = np.sqrt(np.diag(covariance))
@@ -81,8 +83,12 @@ def standard_errors(
             profile = Profile(chain, data, noise, Minimum(point, cost, True), variance, covariance)
             errors, lower = profile.standard_errors(_own(chain, data)), profile.lower
         errors = errors_over_minima(chain, data, point, noise, cost, variance, errors)
+    else:  # some are known only together, the others as well as ever
+        rows = [slice(0, J.shape[0])]
+        told = plain_errors(J[:, used], chain.error(data, run, noise), rows, WHITE)
+        errors[used] = np.where(np.isfinite(told), told, np.nan)
     if cells is not None:
-        errors *= cells.widening(point.size)
+        errors *= cells.widening(point.size, np.sqrt(variance))
         errors[chain.places(data)[-1].start] = cells.step_error
     return errors, lower
 
@@ -92,6 +98,21 @@ def _own(chain: Chain, data: Data) -> Mask:
     own = np.ones(chain.size(data), dtype=bool)
     own[2 * chain.order + int(chain.constant) : chain.n_linear(data)] = False
     return own & chain.smooth(data)
+
+
+def widened_by_memory(chain: Chain, data: Data, point: Floats, noise: Floats) -> Floats:
+    """Return by how much a fit that took coloured noise for white knows each unknown less well."""
+    run = chain.run(data, point)
+    if run is None:
+        return np.ones(point.size)
+    J = chain.slopes(data, point, run, WHITE).T
+    residual = (run.y - data.y)[data.used]
+    kept = np.concatenate([[0], np.cumsum(data.used)])
+    edges = kept[data.begin].tolist()
+    runs = [slice(first, end) for first, end in itertools.pairwise(edges) if end > first]
+    coloured, white = (plain_errors(J, residual, runs, d) for d in (noise, WHITE))
+    known = np.isfinite(white) & (white > 0.0)
+    return np.where(known, coloured / np.where(known, white, 1.0), 1.0)
 
 
 def equation_text(order: int, constant: bool, point: Floats, choices: Sequence[Choice]) -> str:

@@ -9,9 +9,9 @@ from sysid.diagnosis.drafts import law_in_words
 from sysid.diagnosis.wording import NORMAL_95, percent, plus_minus, quantity, value_beside
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.diagnose import Diagnosis
     from sysid.diagnosis.effects.base import Effect
     from sysid.diagnosis.ladder import Rung
+    from sysid.diagnosis.outcome import Outcome
     from sysid.diagnosis.structures.structure import FittedParameter
 
 # The error grows if its rank correlation with time is so many standard deviations, and by this factor.
@@ -25,7 +25,7 @@ LOOSE_POLES = 0.5
 AT_FLOOR = 1.1
 
 
-def sentences(diagnosis: "Diagnosis") -> list[str]:
+def sentences(diagnosis: "Outcome") -> list[str]:
     """Return what was found, the main thing first."""
     record, ladder = diagnosis.record, diagnosis.ladder
     unit = record.unit(record.outputs[0])
@@ -47,7 +47,7 @@ def sentences(diagnosis: "Diagnosis") -> list[str]:
     return found
 
 
-def _noise_floor(diagnosis: "Diagnosis", judged: str, unit: str) -> list[str]:
+def _noise_floor(diagnosis: "Outcome", judged: str, unit: str) -> list[str]:
     """Tell the floor, and whether the final model has come down to it."""
     floor, left = diagnosis.noise_floor, diagnosis.ladder[-1].scores[judged]["rmse"]
     if not np.isfinite(floor):
@@ -57,7 +57,7 @@ def _noise_floor(diagnosis: "Diagnosis", judged: str, unit: str) -> list[str]:
     return [f"Noise floor: {quantity(floor, unit)} RMSE; {rest}."]
 
 
-def _loose(diagnosis: "Diagnosis") -> list[str]:
+def _loose(diagnosis: "Outcome") -> list[str]:
     """Name the parameters of a model that the record leaves open."""
     if getattr(diagnosis.structure, "plant", None) is None:
         return _loose_poles(diagnosis)
@@ -74,7 +74,7 @@ def _loose(diagnosis: "Diagnosis") -> list[str]:
     ]
 
 
-def _loose_poles(diagnosis: "Diagnosis") -> list[str]:
+def _loose_poles(diagnosis: "Outcome") -> list[str]:
     """Say so where a record leaves the denominator of a linear model, and so its poles, open."""
     poles = [p for p in diagnosis.final.parameters if not p.owner and p.name.startswith("a")]
     if len(poles) < 2 or all(NORMAL_95 * p.std_error < LOOSE_POLES for p in poles):
@@ -86,11 +86,11 @@ def _loose_poles(diagnosis: "Diagnosis") -> list[str]:
     ]
 
 
-def _effects(diagnosis: "Diagnosis") -> "list[Effect]":
+def _effects(diagnosis: "Outcome") -> "list[Effect]":
     return [choice.effect for choice in diagnosis.final.fitted.choices]
 
 
-def _mechanism(effect: "Effect", diagnosis: "Diagnosis") -> str:
+def _mechanism(effect: "Effect", diagnosis: "Outcome") -> str:
     """Return what happens, at least as a formula; for a mode whether it rings at all."""
     if effect.name != MODE or rings(diagnosis.final.fitted):
         return effect.mechanism or effect.equation
@@ -100,11 +100,12 @@ def _mechanism(effect: "Effect", diagnosis: "Diagnosis") -> str:
     )
 
 
-def _headline(diagnosis: "Diagnosis") -> str:
+def _headline(diagnosis: "Outcome") -> str:
     names = " and ".join(diagnosis.accepted)
     best = next((t for t in diagnosis.decision.trials if t.fit is not None), None)
     return {
-        "missing-effect": f"Missing in the model: {names or (best.name if best else '')}.",
+        "missing-effect": _beside_given(diagnosis)
+        or f"Missing in the model: {names or (best.name if best else '')}.",
         "nothing-missing": "Nothing is missing in the model.",
         "coloured-noise": "Nothing is missing in the model but a memory of the noise.",
         "unexplained": f"Missing in the model: {names}, or what resembles it, and something that no "
@@ -115,7 +116,19 @@ def _headline(diagnosis: "Diagnosis") -> str:
     }[diagnosis.verdict]
 
 
-def _unrelated(diagnosis: "Diagnosis") -> list[str]:
+def _beside_given(diagnosis: "Outcome") -> str:
+    """Return what is missing beside effects that were added whatever the evidence; empty without any."""
+    given = diagnosis.decision.given
+    if not given:
+        return ""
+    found = " and ".join(name for name in diagnosis.accepted if name not in given)
+    beside = " and ".join(given)
+    if found:
+        return f"Missing in the model with {beside}: {found}."
+    return f"With {beside}, which {'was' if len(given) == 1 else 'were'} given, nothing further is missing."
+
+
+def _unrelated(diagnosis: "Outcome") -> list[str]:
     """Say so where the final model follows next to nothing of the output that it was fitted to."""
     record = diagnosis.record
     rows = record.learning
@@ -128,7 +141,7 @@ def _unrelated(diagnosis: "Diagnosis") -> list[str]:
     ]
 
 
-def _own_constant(diagnosis: "Diagnosis") -> list[str]:
+def _own_constant(diagnosis: "Outcome") -> list[str]:
     """Say that a constant force needs no effect where the model has one."""
     plant = getattr(diagnosis.structure, "plant", None)
     name = plant.port.constant if plant is not None else ""
@@ -146,7 +159,7 @@ def _with_spread(parameter: "FittedParameter") -> str:
     return f"{parameter.name} = {' '.join(word for word in words if word)}"
 
 
-def _growing(diagnosis: "Diagnosis", judged: str, unit: str) -> list[str]:
+def _growing(diagnosis: "Outcome", judged: str, unit: str) -> list[str]:
     """Say so where the final model's error grows along a test set beyond chance."""
     record = diagnosis.record
     if judged == "validation":

@@ -166,10 +166,13 @@ class Structure(Protocol):
         """
         ...
 
-    def finish(self, fit: StructureFit, noise: Floats, *, closely: bool = False) -> StructureFit:
+    def finish(
+        self, fit: StructureFit, noise: Floats, *, plain: bool = False, closely: bool = False
+    ) -> StructureFit:
         """Return a fit with standard errors of its parameters filled in.
 
-        ``closely`` asks for more than slopes tell, for a fit that is a minimum under this noise.
+        ``plain`` says that the fit did not weigh the errors by the colour of the noise; ``closely`` asks for
+        more than slopes tell, for a fit that is a minimum under this noise.
         """
         ...
 
