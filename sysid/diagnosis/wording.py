@@ -102,3 +102,17 @@ def plus_minus(std_error: float) -> str:
     ('± 0.020', '')
     """
     return f"± {significant(NORMAL_95 * std_error, 2)}" if isfinite(std_error) else ""
+
+
+def value_beside(value: float, std_error: float) -> str:
+    """Return a value down to the last digit of `plus_minus`, four significant digits where that is not known.
+
+    Examples
+    --------
+    >>> value_beside(0.46213, 0.000277), value_beside(0.46213, 1.2), value_beside(0.46213, float("nan"))
+    ('0.46213', '0.5', '0.4621')
+    """
+    interval = plus_minus(std_error)
+    if not interval or "e" in interval or not isfinite(value):
+        return significant(value, 4)
+    return f"{value:.{len(interval.partition('.')[2])}f}"
