@@ -54,6 +54,8 @@ class Diagnosis:
         The structure on the rows of the search, where those of a long record are not all.
     curves : tuple of PortCurve, optional
         Of the ports, where the decision needed them.
+    units : str
+        Says that a column seems to be in another unit than the model's; empty otherwise.
     """
 
     record: Record
@@ -66,6 +68,7 @@ class Diagnosis:
     seconds: float
     searched: Structure | None = None
     curves: "tuple[PortCurve, ...] | None" = None
+    units: str = ""
 
     @property
     def verdict(self) -> str:
@@ -315,9 +318,10 @@ def diagnose(
     noise = NOISE_EFFECT in decision.accepted and accept != "none"
     accepted = (*kept, *([NOISE_EFFECT] if noise else []))
     advice = advise(structure, decision, accepted)
+    units = getattr(structure, "units", "")
     seconds, searched = time.perf_counter() - begun, structure if long else None
     return Diagnosis(
-        record, whole, decision, accepted, ladder, decision.floor, advice, seconds, searched, curves
+        record, whole, decision, accepted, ladder, decision.floor, advice, seconds, searched, curves, units
     )
 
 
@@ -388,6 +392,7 @@ def structure_of(
     if hasattr(model, "offered"):
         checked: Structure = model
         return checked
+    from sysid.diagnosis.models.unit_check import in_units_of
     from sysid.diagnosis.physics.structure import PhysicsStructure
     from sysid.physics import load_model
     from sysid.physics.model import Model
@@ -395,7 +400,8 @@ def structure_of(
     if order is not None:
         raise UsageError("--order is for the linear model: a physical model has its own")
     loaded = model if isinstance(model, Model) else load_model(model)
-    return PhysicsStructure(record, loaded.with_parameters(start, fixed), initial_state)
+    read, units = in_units_of(record, loaded.with_parameters(start, fixed))
+    return PhysicsStructure(record, read, initial_state, units)
 
 
 def _catalogue() -> tuple[Effect, ...]:

@@ -28,7 +28,7 @@ def sentences(diagnosis: "Diagnosis") -> list[str]:
     record, ladder = diagnosis.record, diagnosis.ladder
     unit = record.unit(record.outputs[0])
     judged = diagnosis.judged
-    found = [_headline(diagnosis)]
+    found = [_headline(diagnosis), *filter(None, [diagnosis.units])]
     found += [f"{effect.name}: {_mechanism(effect, diagnosis)}" for effect in _effects(diagnosis)]
     for rung in ladder:
         found.append(_rung(rung, judged, unit))

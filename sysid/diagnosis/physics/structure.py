@@ -73,6 +73,8 @@ class PhysicsStructure:
     model : Model
         Start values, known values.
     initial_state : {"estimate", "rest"}
+    units : str
+        What is to be said of columns in other units than the model's.
 
     Attributes
     ----------
@@ -83,8 +85,10 @@ class PhysicsStructure:
 
     screened = 100
 
-    def __init__(self, record: Record, model: Model, initial_state: str = "estimate") -> None:
-        self.record = record
+    def __init__(
+        self, record: Record, model: Model, initial_state: str = "estimate", units: str = ""
+    ) -> None:
+        self.record, self.units = record, units
         self.name = model.name
         self.general = is_general(model)
         plant: Plant = (
