@@ -14,7 +14,7 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.conversions import conversion, other_units, unit_at_end
 from sysid.data.record import Mask
-from sysid.diagnosis.wording import all_of, significant
+from sysid.diagnosis.wording import all_of
 from sysid.errors import SysidError
 from sysid.linear.forms import Floats
 from sysid.linear.output_error import make_segments
@@ -291,7 +291,7 @@ def _left(told: Sequence[Column]) -> str:
     if not told:
         return ""
     are = " and ".join(f"{c.name!r} is in {c.given} where the model has {c.wanted}" for c in told)
-    by = " and ".join(f"{c.name!r} by {significant(c.size, 4)}" for c in told)
+    by = " and ".join(f"{c.name!r} by {c.size:.4g}" for c in told)
     return f"Units: {are}, so that the parameters do not come out in the units shown; divide {by} first."
 
 

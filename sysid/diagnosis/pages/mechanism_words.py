@@ -38,7 +38,7 @@ def mechanism(effect: "Effect", diagnosis: "Diagnosis") -> str:
     moves = _moves(diagnosis.record)
     if not other or moves:
         return effect.mechanism or effect.equation
-    law = f"{effect.equation}, with x the output and v its rate of change"
+    law = effect.equation.replace("(x /", "(y /").replace("x^3", "y^3")
     if moves is None:
         return f"{effect.mechanism[:-1]}, if the output is a position or an angle; otherwise {other}: {law}."
     return f"{other[0].upper()}{other[1:]}: {law}."
