@@ -30,11 +30,15 @@ _PUBLIC = {
     "fit_state_space": "sysid.linear",
     "fit_wiener_hammerstein": "sysid.lft",
     "identify_wiener": "sysid.wiener",
+    "load": "sysid.diagnosis.export.saved",
     "load_model": "sysid.physics",
     "make_record": "sysid.data",
     "read_record": "sysid.data",
     "resample": "sysid.data",
+    "save": "sysid.diagnosis.export.saved",
     "search_method": "sysid.hammerstein",
+    "to_control": "sysid.diagnosis.export.saved",
+    "to_python": "sysid.diagnosis.export.saved",
     "two_sided_search_method": "sysid.hammerstein",
 }
 

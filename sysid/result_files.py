@@ -2,7 +2,8 @@
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,39 @@ def stem_of(data: Path) -> str:
     return data.name.removesuffix(".gz").rsplit(".", 1)[0]
 
 
+def finite(value: float) -> float | None:
+    """Return the value, or None if it is not finite: JSON has no NaN."""
+    return float(value) if isfinite(value) else None
+
+
 def to_json_text(content: dict[str, Any]) -> str:
     """Return strict JSON: no NaN."""
     return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def to_csv_text(columns: Mapping[str, Sequence[float]], empty: int = 0) -> str:
+    """Return a CSV with one row for each row of a measurement file, k from 0; what is not finite is empty.
+
+    Parameters
+    ----------
+    columns : mapping of str to sequence of float
+        Values of the rows of the record.
+    empty : int
+        Rows without values behind them.
+
+    Examples
+    --------
+    >>> print(to_csv_text({"y": [0.5, float("nan")]}, empty=1), end="")
+    k,y
+    0,0.5
+    1,
+    2,
+    """
+    lines = [",".join(["k", *columns])]
+    for k, values in enumerate(zip(*columns.values(), strict=True)):
+        lines.append(",".join([str(k), *(repr(value) if isfinite(value) else "" for value in values)]))
+    lines += [f"{len(lines) - 1 + k}{',' * len(columns)}" for k in range(empty)]
+    return "\n".join(lines) + "\n"
 
 
 def write_text(path: Path, text: str) -> None:

@@ -16,10 +16,10 @@ from scipy import signal
 from sysid.cli import main
 from sysid.data import make_record
 from sysid.diagnosis.compare import compare
-from sysid.diagnosis.comparison.residuals import input_independence, whiteness
 from sysid.diagnosis.comparison.scores import nrmse_interval, score
 from sysid.diagnosis.pages.drawing import WIDE, envelope
 from sysid.diagnosis.pages.figures_residual import correlations, power_density
+from sysid.diagnosis.residuals import input_independence, whiteness
 from sysid.errors import UsageError
 
 A, B = [1.0, -1.5, 0.7], [0.0, 1.0, 0.5]

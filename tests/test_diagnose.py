@@ -12,11 +12,12 @@ from benchmarks.hidden_effects.plan import assign
 from sysid.cli import main
 from sysid.data import make_record
 from sysid.diagnosis.decide.evidence import orthonormal, remainder, score_screen
-from sysid.diagnosis.decide.procedure import Search
 from sysid.diagnosis.decide.residual_evidence import interleaved
+from sysid.diagnosis.decide.search import Search
 from sysid.diagnosis.effects import find_effects
-from sysid.diagnosis.export.saved import SavedModel, load, save, saved_model
+from sysid.diagnosis.export.saved import load, save, saved_model, to_control, to_python
 from sysid.diagnosis.export.saved_effects import SavedEffect
+from sysid.diagnosis.export.saved_linear import SavedModel
 from sysid.diagnosis.linear.structure import LinearStructure
 from sysid.diagnosis.structures.structure import Effort, Structure
 from sysid.errors import DataError, UsageError
@@ -432,7 +433,7 @@ def test_a_saved_model_simulates_alike_everywhere(tmp_path, effects):
     expected = saved.simulate(u)
     assert np.allclose(expected, model.output, rtol=1e-9, atol=1e-12)
     names: dict[str, object] = {}
-    exec(saved.to_python(), names)
+    exec(to_python(saved), names)
     # The same sums in another order: rounding grows with the steps, not beyond 1e-9.
     assert np.allclose(names["simulate"](u), expected, rtol=1e-8, atol=1e-9)
 
@@ -447,7 +448,7 @@ def test_a_saved_model_with_a_direct_path_inside_simulates_alike_everywhere(tmp_
     u = np.random.default_rng(0).uniform(-1.0, 1.0, 400)
     expected = saved.simulate(u)
     names: dict[str, object] = {}
-    exec(saved.to_python(), names)
+    exec(to_python(saved), names)
     # Both search each root to rounding; the equations amplify that some ten times.
     assert np.allclose(names["simulate"](u), expected, rtol=1e-11, atol=1e-12)
 
@@ -481,7 +482,7 @@ def test_a_saved_model_runs_in_python_control():
     found = diagnosed("", n=400, effects=["out_offset"])
     saved = saved_model(found.add("in_saturation", "cubic_stiffness", "out_quadratic").fit())
     u = found.record.u[:60, 0]
-    system = saved.to_control()
+    system = to_control(saved)
     start = np.zeros(4)
     start[:] = 0.0
     response = control.input_output_response(system, np.arange(60.0), u, start)
@@ -508,3 +509,17 @@ def test_a_damped_path_beside_an_effect_that_only_together_fit_is_called_unexpla
     record = make_record(u, y, period=1.0)
     found = sysid.diagnose(record, order=2, initial_state="rest", effects=["in_saturation", "extra_mode"])
     assert found.verdict == "unexplained"
+
+
+def test_a_relay_that_few_inputs_switch_is_no_dead_zone():
+    rng = np.random.default_rng(4)
+    u = np.repeat(rng.standard_normal(300), 4)
+    threshold = np.quantile(np.abs(u[:900]), 0.85)
+    y = plant(np.sign(u) * (np.abs(u) > threshold))
+    y = y + 0.03 * np.std(y) * rng.standard_normal(u.size)
+    record = make_record(u, y, period=1.0, split=np.repeat(["est", "val", "test"], [600, 300, 300]))
+    candidates = ["in_relay", "in_deadzone", "in_saturation", "in_preload", "coloured_noise"]
+    found = sysid.diagnose(record, order=2, initial_state="rest", effects=candidates)
+    assert found.accepted == ("in_relay",)
+    (threshold_found,) = found.final.fitted.parameters_of("in_relay")
+    assert threshold_found.value == pytest.approx(threshold, rel=0.05)  # between the next two inputs

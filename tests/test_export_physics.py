@@ -6,7 +6,7 @@ import pytest
 from sysid.data import make_record
 from sysid.diagnosis.diagnose import structure_of
 from sysid.diagnosis.effects import find_effects
-from sysid.diagnosis.export.saved import load, save, saved_model
+from sysid.diagnosis.export.saved import load, save, saved_model, to_control, to_python
 from sysid.diagnosis.export.saved_effects import SavedEffect
 from sysid.diagnosis.export.saved_physics import SavedPhysicalModel
 from sysid.diagnosis.ladder import DiagnosedModel
@@ -57,7 +57,7 @@ def test_a_saved_model_simulates_alike_everywhere(tmp_path, name):
         save_text(saved, file)
         assert load(file) == saved
     names: dict[str, object] = {}
-    exec(saved.to_python(), names)
+    exec(to_python(saved), names)
     # The same operations, compiled and not: only how sums are contracted differs.
     assert np.allclose(names["simulate"](u), expected, rtol=1e-9, atol=1e-10)
 
@@ -102,7 +102,7 @@ def test_a_saved_model_runs_in_python_control(name, effects):
     import control
 
     saved = by_hand(name, effects)
-    system = saved.to_control()
+    system = to_control(saved)
     n = 80
     times = 0.1 * np.arange(n)
     found = control.input_output_response(
@@ -116,13 +116,13 @@ def test_a_saved_model_runs_in_python_control(name, effects):
 def test_what_cannot_be_taken_along_is_said():
     saved = by_hand("two-mass")
     with pytest.raises(ModelError, match="'extra_mode' has a memory"):
-        saved.to_control()
+        to_control(saved)
     hard = load_model("oscillator").with_parameters(start={"cubic": 2.0})
     bent = SavedPhysicalModel(model_text(hard), 0.1, "zero", 2, ())
     with pytest.raises(ModelError, match="not linear in its states: save it as JSON"):
-        bent.to_python()
+        to_python(bent)
     with pytest.raises(ModelError, match="not linear in its states: use"):
-        bent.to_control()
+        to_control(bent)
     assert bent.simulate(np.ones(20)).shape == (20,)
 
 

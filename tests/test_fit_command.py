@@ -22,6 +22,7 @@ from sysid.lft import LftFit, fit_lft, load, save
 from sysid.lft.choice import choose_lft, likely_delay
 
 ROWS = 500
+EMPTY = 2  # rows without values at the end of the file
 GIVEN = ["--a-order", "1", "--g-order", "1", "--input-lags", "1,2", "--knots", "9", "--starts", "2"]
 NASTY = "y<script>alert(1)</script>"
 
@@ -42,6 +43,7 @@ def write_csv(path: Path, output: str = "y") -> Path:
         writer.writerow(["u", output, "set"])
         for k in range(ROWS):
             writer.writerow([repr(float(u[k])), repr(float(y[k])), "train" if k < 350 else "test"])
+        file.write(",,\n" * EMPTY)
     return path
 
 
@@ -82,7 +84,9 @@ def test_saved_model_runs_as_the_predictions_say(folder: Path) -> None:
     record = make_record(*measured(), period=0.1)
     with (folder / "fit.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert [int(row["k"]) for row in rows] == list(range(ROWS))
+    assert [int(row["k"]) for row in rows] == list(range(ROWS + EMPTY))
+    assert rows[-1] == {"k": str(ROWS + EMPTY - 1), "measured": "", "one_step": "", "free_run": ""}
+    rows = rows[:ROWS]
     free_run = np.array([float(row["free_run"]) for row in rows])
     np.testing.assert_allclose(model.simulate((record.u, record.y[:, 0])), free_run, atol=1e-12)
     one_step = np.array([float(row["one_step"]) for row in rows])

@@ -55,7 +55,7 @@ def test_one_minimum_keeps_its_standard_errors():
     rows = record.learning
     fit = structure.fit([choice("in_saturation")], rows, WHITE, structure.baseline(rows), effort=Effort.FINE)
     chain, data = structure.chain(fit.choices), structure.data(rows)
-    errors = standard_errors(chain, data, fit.point, WHITE, fit.cost)
+    errors, _ = standard_errors(chain, data, fit.point, WHITE, fit.cost)
     again = errors_over_minima(chain, data, fit.point, WHITE, fit.cost, fit.cost / 495.0, errors)
     assert np.allclose(errors, again, rtol=1e-12)
 

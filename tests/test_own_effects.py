@@ -9,8 +9,9 @@ from scipy.integrate import solve_ivp
 import sysid
 from sysid.cli import main
 from sysid.data import make_record
-from sysid.diagnosis.drafts import simplest_law, template
+from sysid.diagnosis.curve_laws import simplest_law
 from sysid.diagnosis.effects.catalogue import effects_in
+from sysid.diagnosis.effects.templates import template
 from sysid.diagnosis.export.saved import load, save
 
 GRID = np.linspace(-2.0, 2.0, 101)

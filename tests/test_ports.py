@@ -410,7 +410,7 @@ def test_where_nothing_can_be_fitted_the_reason_is_given():
 
 
 def test_the_figure_has_a_panel_for_each_port_and_says_what_it_shows():
-    from sysid.diagnosis.ports.figures import ports_picture
+    from sysid.diagnosis.pages.figures_ports import ports_picture
 
     record, _ = simulate("position", "cubic stiffness", n=600)
     curves = explore_ports(record, fit_output_error(record, 2))
@@ -471,3 +471,14 @@ def test_curves_are_found_where_the_model_alone_follows_best_with_a_parameter_th
     }
     assert found["lost"] < 0.5
     assert found["nominal"] > 0.95
+
+
+def test_a_plant_that_ran_off_beyond_all_numbers_has_no_curve():
+    rng = np.random.default_rng(5)
+    u = np.repeat(rng.uniform(-1.0, 1.0, 60), 10)
+    model = load_model("mass-spring-damper").with_parameters(start={"m": 1.0, "c": 0.5, "k": 4.0})
+    record = make_record(u, np.cumsum(u) * 0.01 + 0.01 * rng.standard_normal(u.size), 0.1)
+    fit = fit_physics(record, model, initial_state="rest")
+    lost = replace(fit, values={"m": 1e-320, "c": 1.0, "k": 1.0}, nominal={})
+    for curve in explore_ports(record, lost):
+        assert curve.value.size == 0

@@ -19,7 +19,7 @@ from sysid.result_files import (
 )
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.comparison.comparison import Comparison
+    from sysid.diagnosis.compared import Comparison
 
 
 def run(arguments: argparse.Namespace) -> int:

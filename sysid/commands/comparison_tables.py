@@ -12,7 +12,7 @@ from rich.table import Table
 from sysid.diagnosis.wording import interval_text, percent, quantity, significant
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.comparison.comparison import Comparison
+    from sysid.diagnosis.compared import Comparison
 
 # Of a table that is written to a file or a pipe.
 WIDTH = 100

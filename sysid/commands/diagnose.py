@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 from sysid.commands.model_options import assigned_values
 from sysid.commands.record_options import read_described
 from sysid.errors import UsageError
-from sysid.result_files import check_results, to_json_text, write_text
+from sysid.result_files import check_results, to_json_text, write_result, write_text
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from sysid.diagnosis.diagnose import Diagnosis
+    from sysid.diagnosis.diagnosis import Diagnosis
     from sysid.diagnosis.effects import Effect
 
 
@@ -126,13 +126,9 @@ def _write(diagnosis: "Diagnosis", arguments: argparse.Namespace) -> None:
     if arguments.predictions is not None:
         diagnosis.write_predictions(arguments.predictions)
     if arguments.html is not None:
-        from sysid.diagnosis.pages.diagnose_page import to_html
-
-        write_text(arguments.html, to_html(diagnosis))
+        write_text(arguments.html, diagnosis.to_html())
     if arguments.pdf is not None:
-        from sysid.diagnosis.pages.diagnose_page import to_pdf
-
-        to_pdf(diagnosis, arguments.pdf)
+        write_result(arguments.pdf, diagnosis.to_pdf())
     if arguments.save is not None:
         from sysid.diagnosis.export.saved import save
 

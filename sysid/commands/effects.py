@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 def run(arguments: argparse.Namespace) -> int:
     """Print the list of effects, or explain those that are named."""
     if arguments.template is not None:
-        from sysid.diagnosis.drafts import template
+        from sysid.diagnosis.effects.templates import template
 
         print(template(arguments.template), end="")
         return 0

@@ -12,19 +12,21 @@ from sysid.result_files import (
     DEFAULT_FOLDER,
     check_results,
     stem_of,
+    to_csv_text,
     to_json_text,
     write_result,
     write_text,
 )
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.comparison.comparison import Comparison
+    from sysid.diagnosis.comparison.judgement import Judgement
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run `sysid fit`; errors of use and of data are raised as `SysidError`."""
     from threadpoolctl import threadpool_limits
 
+    from sysid.diagnosis.compared import Comparison
     from sysid.diagnosis.comparison.judge import FITTING_SHARE, judge
     from sysid.progress import part_of, percent_of, progress
 
@@ -50,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
                 initial_state=arguments.initial_state,
                 progress=part_of(advance, 0, FITTING_SHARE),
             )
-            comparison = judge(record, model, ports=False, progress=advance)
+            comparison = Comparison.of(judge(record, model, ports=False, progress=advance))
         with bars.task("page", total=None):
             write_text(page, comparison.to_html())
             if arguments.pdf is not None:
@@ -70,13 +72,12 @@ def _given(arguments: argparse.Namespace) -> dict[str, Any]:
     return {flag: text for flag, text in values.items() if text is not None}
 
 
-def _predictions(comparison: "Comparison") -> str:
-    """Return a CSV with one row for each row of the record, in its order."""
-    from math import isfinite
-
-    prediction = comparison.prediction
-    lines = ["k,measured,one_step,free_run"]
-    columns = (comparison.record.y[:, 0].tolist(), prediction.one_step.tolist(), prediction.free_run.tolist())
-    for k, values in enumerate(zip(*columns, strict=True)):
-        lines.append(",".join([str(k), *(repr(value) if isfinite(value) else "" for value in values)]))
-    return "\n".join(lines) + "\n"
+def _predictions(comparison: "Judgement") -> str:
+    """Return a CSV with one row for each row of the file, in its order."""
+    record, prediction = comparison.record, comparison.prediction
+    columns = {
+        "measured": record.y[:, 0].tolist(),
+        "one_step": prediction.one_step.tolist(),
+        "free_run": prediction.free_run.tolist(),
+    }
+    return to_csv_text(columns, record.left_out)

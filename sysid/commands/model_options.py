@@ -17,7 +17,7 @@ def add_model_options(parser: argparse.ArgumentParser) -> None:
         help="linear (default), state-space, hammerstein-<map> (as hammerstein-saturation), local-linear (or "
         "local-linear-3 for three of them), hammerstein, wiener, wiener-hammerstein (free maps), lft, "
         "piecewise-affine, a physical model that `sysid models` lists, "
-        "or one of your own",
+        "one of your own, or one that `sysid diagnose --save` wrote (.json, .toml)",
     )
     group.add_argument(
         "--order", metavar="N", type=int, help="order of the linear model (default: chosen from the data)"

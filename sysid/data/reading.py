@@ -1,6 +1,7 @@
 """Read a record from a table in a file."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -124,7 +125,9 @@ def _read(
     table, clock, period, wanted = _table(path, asked, period, separator, decimal)
     notes = read_notes(path)
     remarks = list(notes.warnings)
+    n_rows = len(table)
     table = without_empty_end(table, wanted, remarks)
+    left_out = n_rows - len(table) if resample is None else 0  # rows of another period are none of the file's
     labels = None if wanted.split is None else _text(table, wanted.split)
     times = _times(table, clock, path, wanted.time is not None, remarks)
     known = None if wanted.experiment is None else _text(table, wanted.experiment)
@@ -152,7 +155,7 @@ def _read(
         rows = resample_table(times, u, y, groups, labels, skips, resample)
         u, y, groups, labels, skips, period = rows.u, rows.y, rows.groups, rows.labels, rows.skip, resample
         remarks.append(rows.remark)
-    return make_record(
+    record = make_record(
         u,
         y,
         known_period(period, notes),
@@ -166,6 +169,7 @@ def _read(
         warnings=remarks,
         source=path,
     )
+    return replace(record, left_out=left_out)
 
 
 def _table(

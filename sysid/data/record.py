@@ -67,6 +67,8 @@ class Record:
         What looked odd and was let through.
     source : Path or None
         The file it came from.
+    left_out : int
+        Rows without values at the end of that file, which are no part of the record.
 
     All arrays are read-only.
     """
@@ -85,6 +87,7 @@ class Record:
     skip: Mapping[str, int]
     warnings: tuple[str, ...] = ()
     source: Path | None = None
+    left_out: int = 0
 
     @property
     def n_samples(self) -> int:
@@ -139,6 +142,11 @@ class Record:
             return self
         place = self.outputs.index(name)
         return replace(self, y=_frozen(self.y[:, place : place + 1].copy()), outputs=(name,))
+
+    def as_test_set(self) -> "Record":
+        """Return the same record with all rows in one test set, for a model that is fitted to none."""
+        held_out = np.zeros(self.n_samples, dtype=bool)
+        return replace(self, split=_frozen(np.full(self.n_samples, TEST_PREFIX)), held_out=_frozen(held_out))
 
     def unit(self, column: str) -> str:
         """Return the unit of a column, or an empty string."""

@@ -9,7 +9,9 @@ are rooms, each with a guide of its own:
 - ``decide`` is the search for what is missing, knowing no more of a model than ``structures`` tells;
 - ``pages`` shows, ``export`` takes a model elsewhere.
 
-What only ``diagnose`` needs lies beside it: ``long_records`` (a search on part of the rows), ``ladder`` (the
-falling error), ``advice`` and ``experiment`` (what to measure next), ``shortfall`` (where what is left lies),
-``drafts`` (a curve as an effect to edit).
+What they hand on is in ``compared`` and ``diagnosis``: data (a ``judgement``, an ``outcome``) in words and on
+pages.  What only ``diagnose`` needs lies beside it: ``long_records`` (a search on part of the rows),
+``ladder`` (the falling error), ``advice`` and ``experiment`` (what to measure next), ``shortfall`` (where
+what is left lies), ``drafts`` (a curve as an effect to edit, by the
+simplest of the ``curve_laws``).
 """

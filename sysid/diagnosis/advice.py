@@ -49,7 +49,10 @@ def _by_verdict(structure: Structure, decision: Decision, accepted: Sequence[str
             + _loop(decision)
         )
     physical = [name for name in accepted if name != NOISE_EFFECT]
-    sentence = f"Add {' and '.join(physical)}." if physical else "The effect that was found was not added."
+    found = [name for name in physical if name not in decision.given]
+    sentence = f"Add {' and '.join(found)}." if found else "The effect that was found was not added."
+    if decision.given and not found:
+        sentence = "Keep what was given."
     if physical and decision.left_p_value < LEFT_P_VALUE and decision.left_share > TRACE_SHARE:
         sentence += (
             f" {percent(decision.left_share)} of the explainable error is left, which nothing in the list "

@@ -8,20 +8,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.data import Record
-from sysid.diagnosis.comparison.comparison import Comparison
+from sysid.diagnosis.compared import Comparison
 from sysid.diagnosis.comparison.judge import FITTING_SHARE, check_output, judge
-from sysid.diagnosis.models.fitted_model import LINEAR
+from sysid.diagnosis.models.fitted_model import LINEAR, Known
 from sysid.diagnosis.models.resolution import fit_model, resolve_model
 from sysid.errors import UsageError
 from sysid.progress import Callback, part_of
 
 if TYPE_CHECKING:
+    from sysid.diagnosis.export.saved import Saved
     from sysid.physics import Model, Starts
 
 
 def compare(
     record: Record,
-    model: "str | Path | Model" = LINEAR,
+    model: "str | Path | Model | Saved" = LINEAR,
     order: int | None = None,
     *,
     delay: int | None = None,
@@ -34,14 +35,16 @@ def compare(
 ) -> Comparison:
     """Fit a model to a record and judge it on the rows it has not seen.
 
-    The structure is chosen on validation rows, the accepted model refitted on estimation and
-    validation rows, and only then run over the test rows.
+    A saved model (`sysid.save`) is judged as it is, on all rows if none is marked as test; of the record it
+    learns initial states.  Of any other the structure is chosen on validation rows, the accepted model
+    refitted on estimation and validation rows, and only then run over the test rows.
 
     Parameters
     ----------
     record : Record
-    model : str, Path or Model
-        ``"linear"``, the name of a physical model (`sysid models` lists them), a TOML file, or a model.
+    model : str, Path, Model, SavedModel or SavedPhysicalModel
+        ``"linear"``, the name of a physical model (`sysid models` lists them), a TOML file, a model,
+        or a saved one.
     order, delay : int, optional
         Of the linear model; chosen from the data if not given.
     constant : bool, optional
@@ -89,21 +92,24 @@ def compare(
     if constant is not None and not isinstance(constant, bool | np.bool_):
         raise UsageError(f"constant is {constant!r}: give True, False or None (chosen from the data)")
     check_output(record)
+    resolved = resolve_model(model, order, start, fixed)
+    if isinstance(resolved, Known) and not record.test_sets:
+        record = record.as_test_set()
     fitted = fit_model(
         record,
-        resolve_model(model, order, start, fixed),
+        resolved,
         order,
         delay=delay,
         constant=constant,
         initial_state=initial_state,
         progress=part_of(progress, 0, FITTING_SHARE),
     )
-    return judge(record, fitted, ports=ports, progress=progress)
+    return Comparison.of(judge(record, fitted, ports=ports, progress=progress))
 
 
 def compare_outputs(
     record: Record,
-    model: "str | Path | Model" = LINEAR,
+    model: "str | Path | Model | Saved" = LINEAR,
     order: int | None = None,
     *,
     constant: bool | None = None,
@@ -143,11 +149,13 @@ def compare_outputs(
     if count > 1 and isinstance(resolved, Model) and len(resolved.outputs) > 1:
         models = fit_jointly(record, resolved, initial_state, constant, part_of(progress, 0, 50))
         return tuple(
-            judge(
-                one,
-                fitted,
-                ports=ports,
-                progress=part_of(progress, 50 + 50 * i // count, 50 + 50 * (i + 1) // count),
+            Comparison.of(
+                judge(
+                    one,
+                    fitted,
+                    ports=ports,
+                    progress=part_of(progress, 50 + 50 * i // count, 50 + 50 * (i + 1) // count),
+                )
             )
             for i, (one, fitted) in enumerate(zip(each, models, strict=True))
         )

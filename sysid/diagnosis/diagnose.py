@@ -2,196 +2,30 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.advice import advise
-from sysid.diagnosis.comparison.scores import finite
-from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
-from sysid.diagnosis.decide.procedure import Search
+from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision
 from sysid.diagnosis.decide.rungs import rungs_of
+from sysid.diagnosis.decide.search import Search
 from sysid.diagnosis.decide.verdict import with_a_detail_left
-from sysid.diagnosis.effects.base import Effect, Floats
+from sysid.diagnosis.diagnosis import Diagnosis
+from sysid.diagnosis.effects.base import Effect
 from sysid.diagnosis.effects.catalogue import find_effects
-from sysid.diagnosis.ladder import DiagnosedModel, Rung, climb, parameters_json
+from sysid.diagnosis.ladder import Rung, climb
 from sysid.diagnosis.long_records import LONGEST, Portable, carried, rows_for_one, shortened, thinned
 from sysid.diagnosis.structures.structure import WHITE, Effort, Structure, StructureFit
 from sysid.errors import UsageError
 from sysid.progress import progress as bars_of
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from sysid.diagnosis.comparison.where import Finding
     from sysid.diagnosis.ports import PortCurve
 
 MOST_EFFECTS = 3
 ALPHA = 0.01
-
-
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
-    """What a model lacks, with the evidence.
-
-    Attributes
-    ----------
-    record : Record
-    structure : Structure
-    decision : Decision
-    accepted : tuple of str
-        Effects that were added, best first.
-    ladder : tuple of Rung
-    noise_floor : float
-        Root mean square of what no model of the input explains, in the unit of the output.
-    advice : str
-    seconds : float
-    searched : Structure, optional
-        The structure on the rows of the search, where those of a long record are not all.
-    curves : tuple of PortCurve, optional
-        Of the ports, where the decision needed them.
-    units : str
-        Says that a column seems to be in another unit than the model's; empty otherwise.
-    """
-
-    record: Record
-    structure: Structure
-    decision: Decision
-    accepted: tuple[str, ...]
-    ladder: tuple[Rung, ...]
-    noise_floor: float
-    advice: str
-    seconds: float
-    searched: Structure | None = None
-    curves: "tuple[PortCurve, ...] | None" = None
-    units: str = ""
-
-    @property
-    def verdict(self) -> str:
-        """What was found, one of the five words of the JSON file."""
-        return self.decision.verdict
-
-    @property
-    def baseline(self) -> DiagnosedModel:
-        """The model without effects."""
-        return self.ladder[0].model
-
-    @property
-    def final(self) -> DiagnosedModel:
-        """The model with all accepted effects."""
-        return self.ladder[-1].model
-
-    @property
-    def judged(self) -> str:
-        """The set of rows that the sentences speak of: the first scored test set, or validation."""
-        scores = self.ladder[0].scores
-        return next((name for name in self.record.test_sets if name in scores), "validation")
-
-    @cached_property
-    def where(self) -> "tuple[Finding, ...]":
-        """Where the error of the baseline is concentrated, the clearest first."""
-        from sysid.diagnosis.shortfall import where_it_fails
-
-        return where_it_fails(self.record, self.baseline.output, self.judged)
-
-    @cached_property
-    def ports(self) -> "tuple[PortCurve, ...]":
-        """Free-form curves of what no candidate explains; none if there is no such thing."""
-        from sysid.diagnosis.shortfall import curves_at_ports
-
-        if self.curves is not None:
-            return self.curves
-        # The rows of the search say all that a curve shows, in a fraction of the time of all rows.
-        structure = self.structure if self.searched is None else self.searched
-        return curves_at_ports(structure) if self.verdict == "unexplained" else ()
-
-    def add(self, *effects: str | Effect) -> DiagnosedModel:
-        """Return the final model with further effects, to be fitted by ``.fit()``."""
-        return self.final.add(*effects)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return what the JSON file holds: plain values, no NaN."""
-        from sysid import __version__
-
-        record = self.record
-        spread = float(np.std(record.y[record.learning, 0])) or 1.0
-        return {
-            "schema": 1,
-            "verdict": self.verdict,
-            "accepted": list(self.accepted),
-            "ranked": [self._ranked(trial) for trial in self.decision.trials],
-            "tie": list(self.decision.tie),
-            "ladder": [rung.to_json() for rung in self.ladder],
-            "noise_floor": {
-                "rmse": finite(self.noise_floor),
-                "nrmse": finite(self.noise_floor / spread),
-                "method": "what neither the final model nor any probe of it explains",
-            },
-            "where": [finding.to_json() for finding in self.where],
-            "ports": [port.to_json() for port in self.ports],
-            "advice": self.advice,
-            "search": {"complete": not self.decision.cut_short},
-            "left": {
-                "p_value": finite(self.decision.left_p_value),
-                "share": finite(self.decision.left_share),
-                "rejected": list(self.decision.rejected),
-            },
-            "sentences": self.sentences(),
-            "seconds": self.seconds,
-            "versions": {"sysid": __version__, "numpy": np.__version__},
-        }
-
-    def _ranked(self, trial: Trial) -> dict[str, Any]:
-        structure = self.structure if self.searched is None else self.searched
-        y = structure.record.y[structure.record.validation, 0]
-        spread = float(np.std(y)) or 1.0
-        fitted = None if trial.fit is None else structure.finish(trial.fit, trial.noise.polynomial)
-        return {
-            "effect": trial.name,
-            "p_value": finite(trial.p_value),
-            "delta_bic": finite(trial.gain),
-            "nrmse_validation": finite(trial.validation / spread),
-            "parameters": {} if fitted is None else parameters_json(fitted.parameters_of(trial.name)),
-        }
-
-    def sentences(self) -> list[str]:
-        """Say what was found, the main thing first."""
-        from sysid.diagnosis.pages.report_words import sentences
-
-        return sentences(self)
-
-    def predictions(self) -> dict[str, Floats]:
-        """Return the columns of the predictions file: measured, baseline, final, one value a row."""
-        return {
-            "measured": self.record.y[:, 0],
-            "baseline": self.baseline.output,
-            "final": self.final.output,
-        }
-
-    def draft(self) -> str:
-        """Return the best free-form curve as an effect in TOML, to be edited; empty if there is none."""
-        from sysid.diagnosis.drafts import draft_of
-
-        return draft_of(self.ports, self.record, self.structure)
-
-    def write_predictions(self, path: "Path") -> None:
-        """Write the predictions as CSV: k, measured, baseline, final."""
-        from sysid.result_files import write_text
-
-        columns = list(self.predictions().values())
-        rows = ["k,measured,baseline,final"]
-        for k, values in enumerate(zip(*(column.tolist() for column in columns), strict=True)):
-            rows.append(",".join([str(k), *("" if value != value else repr(value) for value in values)]))
-        write_text(path, "\n".join(rows) + "\n")
-
-    def __repr__(self) -> str:
-        return "\n".join(
-            [f"Diagnosis of {self.record.name!r}: {self.verdict}", *("  " + s for s in self.sentences())]
-        )
 
 
 def diagnose(
@@ -222,8 +56,9 @@ def diagnose(
     ----------
     record : Record
         With one output.
-    model : str, Model or Structure
-        ``"linear"``, the name of a physical model, a TOML file, or a model.
+    model : str, Model, SavedModel, SavedPhysicalModel or Structure
+        ``"linear"``, the name of a physical model, a TOML file, a model, or a saved one: its effects are
+        added and all of it is fitted anew, a physical model from its values.
     order : int, optional
         Of the linear model; chosen by the validation error if not given.
     initial_state : {"estimate", "rest"}
@@ -279,6 +114,7 @@ def diagnose(
     _check(record, max_effects, alpha, accept)
     if jobs < 1:
         raise UsageError(f"jobs is {jobs}: give 1 or more")
+    model, order, add = taken_up(record, model, order, add)
     long = int(record.learning.sum()) > LONGEST and not hasattr(model, "offered")
     count = rows_for_one(record) if long and model != "linear" else 1
     part, chosen = record, record.learning
@@ -318,10 +154,9 @@ def diagnose(
     noise = NOISE_EFFECT in decision.accepted and accept != "none"
     accepted = (*kept, *([NOISE_EFFECT] if noise else []))
     advice = advise(structure, decision, accepted)
-    units = getattr(structure, "units", "")
     seconds, searched = time.perf_counter() - begun, structure if long else None
     return Diagnosis(
-        record, whole, decision, accepted, ladder, decision.floor, advice, seconds, searched, curves, units
+        record, whole, decision, accepted, ladder, decision.floor, advice, seconds, searched, curves
     )
 
 
@@ -402,6 +237,22 @@ def structure_of(
     loaded = model if isinstance(model, Model) else load_model(model)
     read, units = in_units_of(record, loaded.with_parameters(start, fixed))
     return PhysicsStructure(record, read, initial_state, units)
+
+
+def taken_up(
+    record: Record, model: Any, order: int | None, add: Sequence[str | Effect]
+) -> tuple[Any, int | None, Sequence[str | Effect]]:
+    """Return a saved model as one to be fitted, its effects among those to be added; others as they are."""
+    from sysid.diagnosis.export.saved_linear import SavedModel
+    from sysid.diagnosis.models.known_model import at_period
+    from sysid.diagnosis.models.resolution import known_model
+
+    known = known_model(model)
+    if known is None:
+        return model, order, add
+    saved = at_period(known.saved, record)
+    effects = [*(effect.effect for effect in saved.effects), *add]
+    return ("linear", saved.order, effects) if isinstance(saved, SavedModel) else (saved.model, None, effects)
 
 
 def _catalogue() -> tuple[Effect, ...]:

@@ -1,16 +1,15 @@
 """A free-form curve as an effect in TOML, for the user to edit where no candidate explains."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sysid.data import Record
-from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.curve_laws import ENOUGH, Law, simplest_law
 from sysid.diagnosis.effects.catalogue import effects_in
+from sysid.diagnosis.effects.templates import MEANS
 from sysid.diagnosis.ports.curves import NOTHING
 from sysid.diagnosis.structures.structure import Structure
 from sysid.diagnosis.wording import percent, significant
@@ -18,19 +17,8 @@ from sysid.diagnosis.wording import percent, significant
 if TYPE_CHECKING:
     from sysid.diagnosis.ports import PortCurve
 
-# A law is simple enough if it follows this share of what the curve has beyond a straight line.
-ENOUGH = 0.95
-MOST_KINKS = 4
-# How often the places of the kinks are searched one after another.
-SWEEPS = 3
-# The segment from which slopes are counted holds at least this share of the data.
-LEAST_DATA = 0.05
-# Powers of a polynomial: lines are the model's own.
-POWERS = (2, 3)
 # A law is told in a sentence if its curve removes this share of the error and it has so few parameters.
 TOLD, MOST_TOLD = 0.5, 3
-# So much data lies on either side of a kink.
-LEAST_BESIDE = 0.02
 # Points of the curve that are written beside the law.
 SHOWN = 9
 # Where an effect of each port enters, the name of its signal in expressions, and the rule of its unit.
@@ -40,28 +28,6 @@ _ENTERS = {
     "position": ("force", "x", "[x]"),
     "velocity": ("force", "v", "[v]"),
 }
-
-
-@dataclass(frozen=True)
-class Law:
-    """A law with few parameters that follows a curve.
-
-    Attributes
-    ----------
-    terms : tuple of str
-        Factors of the parameters, in the signal.
-    values : tuple of float
-        The curve's own values of the parameters.
-    units : tuple of int
-        By which power of the signal's unit each parameter is divided, beside the unit of what it gives.
-    follows : float
-        Share of what the curve has beyond a straight line.
-    """
-
-    terms: tuple[str, ...]
-    values: tuple[float, ...]
-    units: tuple[int, ...]
-    follows: float
 
 
 def draft_effect(curve: "PortCurve", *, per_second: float = 1.0) -> str:
@@ -102,7 +68,7 @@ def draft_effect(curve: "PortCurve", *, per_second: float = 1.0) -> str:
         *_table(curve),
         f"# The law follows {percent(law.follows)} of what the curve has beyond a straight line,",
         "# which is the model's own.  In expressions: + - * / **, abs, sign, sqrt, exp, log, sin, cos, tanh,",
-        f"# min, max, where(condition, a, b).  {_MEANS[port]}",
+        f"# min, max, where(condition, a, b).  {MEANS[port]}",
         f"[{name}]",
         f'port = "{port}"',
         f'mechanism = "Follows a free-form curve: {share} of the error."',
@@ -120,108 +86,8 @@ def draft_effect(curve: "PortCurve", *, per_second: float = 1.0) -> str:
     return "\n".join(lines) + "\n"
 
 
-def template(port: str) -> str:
-    """Return a TOML file with an effect at a port, as an example to be edited.
-
-    Examples
-    --------
-    >>> effects_in(template("gain"), "the template")[0].name
-    'fading_gain'
-    """
-    name, mechanism, lines = _EXAMPLES[port]
-    return "\n".join(
-        [
-            f"# {_MEANS[port]}",
-            "# In expressions: + - * / **, abs, sign, sqrt, exp, log, sin, cos, tanh, min, max,",
-            "# where(condition, a, b), and the parameters below.",
-            f"[{name}]",
-            f'port = "{port}"',
-            f'mechanism = "{mechanism}"',
-            *lines,
-            "",
-        ]
-    )
-
-
 _GIVES = {"input": "[u]", "output": "[y]", "force": "[F]"}
-_MEANS = {
-    "input": "s is the input; the expression is what reaches the model.",
-    "output": "s is the model's output; the expression is what the sensor shows.",
-    "force": "x is the position, v the speed; the expression is the force that opposes the input.",
-    "gain": "y is the model's output; the expression is the factor of the input.",
-}
 _SCALES = {"s": "input deviation", "x": "output deviation", "v": "speed deviation"}
-_STRENGTH = "# without a grid: a strength; at zero the effect is gone, and the search starts there"
-_SHAPE = "# with a grid: a shape, tried at multiples of"
-_EXAMPLES = {
-    "input": (
-        "soft_limit",
-        "The amplifier saturates softly.",
-        (
-            'expression = "limit*tanh(s/limit)"',
-            "[soft_limit.parameters]",
-            'limit = { unit = "[u]", minimum = 0, grid = { scale = "input deviation", points = [1, 2] } }',
-            f"{_SHAPE} the input's standard deviation",
-        ),
-    ),
-    "output": (
-        "bent_sensor",
-        "The sensor's characteristic is bent.",
-        (
-            'expression = "s + c3*s**3"',
-            "[bent_sensor.parameters]",
-            'c3 = { unit = "1/[y]^2", meaning = "bend" }',
-            _STRENGTH,
-        ),
-    ),
-    "force": (
-        "soft_stop",
-        "A soft stop beyond a gap.",
-        (
-            'expression = "k*(max(x - gap, 0) + min(x + gap, 0))"',
-            "[soft_stop.parameters]",
-            'k = { unit = "[F]/[x]", minimum = 0 }',
-            _STRENGTH,
-            'gap = { unit = "[x]", minimum = 0, grid = { scale = "output deviation", points = [0.5, 1] } }',
-            f"{_SHAPE} the output's standard deviation",
-        ),
-    ),
-    "gain": (
-        "fading_gain",
-        "The drive gets weaker away from zero.",
-        (
-            'expression = "exp(-(y/width)**2)"',
-            "[fading_gain.parameters]",
-            'width = { unit = "[y]", minimum = 0, grid = { scale = "output deviation", points = [2, 4] } }',
-            f"{_SHAPE} the output's standard deviation",
-        ),
-    ),
-}
-
-
-def simplest_law(value: Floats, centre: Floats, density: Floats, signal: str, own: float) -> Law:
-    """Return the law with the fewest parameters that follows a curve, else the one that follows it best.
-
-    Parameters
-    ----------
-    value, centre, density : ndarray, shape (n_points,)
-        The curve and the data it rests on.
-    signal : str
-        Name of what it depends on.
-    own : float
-        Slope that the law has without the curve: 1 where the curve is added to the signal.
-    """
-    weight = np.sqrt(density + 0.01 * density.mean())
-    lines = np.column_stack([np.ones(value.size), value])
-    laws: list[Law] = []
-    for count in range(1, MOST_KINKS + 1):
-        for powers in combinations(POWERS, count):
-            laws.append(_polynomial(value, centre, weight, lines, signal, powers))
-        laws.append(_kinked(value, centre, weight, lines, signal, own, count))
-        best = max(laws, key=lambda law: law.follows)
-        if best.follows >= ENOUGH:
-            break
-    return best
 
 
 @lru_cache(maxsize=16)
@@ -263,83 +129,6 @@ def draft_of(curves: "Sequence[PortCurve]", record: Record, structure: Structure
             if structure.offered(effects_in(draft, "the draft")):
                 return draft
     return ""
-
-
-def _polynomial(
-    value: Floats, centre: Floats, weight: Floats, lines: Floats, signal: str, powers: Sequence[int]
-) -> Law:
-    basis = np.column_stack([value**power for power in powers])
-    weights, follows = _fitted(centre, weight, lines, basis)
-    terms = tuple(f"{signal}**{power}" for power in powers)
-    return Law(terms, tuple(weights[2:].tolist()), tuple(powers), follows)
-
-
-def _fitted(centre: Floats, weight: Floats, lines: Floats, basis: Floats) -> tuple[Floats, float]:
-    """Return the weights of lines and basis, and the share of what is beyond the lines that it follows."""
-    columns = np.hstack([lines, basis]) * weight[:, np.newaxis]
-    weights = np.asarray(np.linalg.lstsq(columns, weight * centre, rcond=None)[0], dtype=np.float64)
-    alone = np.asarray(np.linalg.lstsq(columns[:, :2], weight * centre, rcond=None)[0], dtype=np.float64)
-    left, all_of_it = (
-        float(np.sum((weight * centre - columns[:, : w.size] @ w) ** 2)) for w in (weights, alone)
-    )
-    return weights, 1.0 - left / all_of_it if all_of_it > 0.0 else 1.0
-
-
-def _kinked(
-    value: Floats, centre: Floats, weight: Floats, lines: Floats, signal: str, own: float, count: int
-) -> Law:
-    """Return the line with so many kinks that follows a curve best, each place searched in turn."""
-    passed = np.cumsum(weight**2) / np.sum(weight**2)
-    inner = value[(passed > LEAST_BESIDE) & (passed < 1.0 - LEAST_BESIDE)]
-    places: list[float] = []
-
-    def follows(chosen: Sequence[float]) -> float:
-        return _fitted(centre, weight, lines, _kinks(value, chosen))[1]
-
-    for _ in range(count):
-        places.append(max(inner, key=lambda place: follows([*places, place])))
-        for _ in range(SWEEPS):
-            for i in range(len(places)):
-                others = places[:i] + places[i + 1 :]
-                places[i] = max(inner, key=lambda place: follows([*others, place]))
-    decimals = 2 - int(np.floor(np.log10(np.ptp(value))))
-    places = sorted({round(float(place), decimals) for place in places})
-    weights, share = _fitted(centre, weight, lines, _kinks(value, places))
-    slopes = own + weights[1] + np.concatenate([[0.0], np.cumsum(weights[2:])])
-    return _from_segments(places, slopes, _data_in(value, weight**2, places), signal, own, share)
-
-
-def _kinks(value: Floats, places: Sequence[float]) -> Floats:
-    kinks: Floats = np.maximum(value[:, np.newaxis] - np.asarray(places), 0.0)
-    return kinks
-
-
-def _data_in(value: Floats, density: Floats, places: Sequence[float]) -> Floats:
-    """Return the share of the data in each segment between kinks."""
-    segment = np.searchsorted(places, value)
-    counts = np.bincount(segment, weights=density, minlength=len(places) + 1)
-    return np.asarray(counts / counts.sum())
-
-
-def _from_segments(
-    places: Sequence[float], slopes: Floats, data: Floats, signal: str, own: float, follows: float
-) -> Law:
-    """Write a line with kinks outwards from one of its segments, whose slope the model takes over.
-
-    For a map that is the steepest one with data: the other slopes are shares of it, of which a dead zone has
-    zero.  For a force it is the one with most data.
-    """
-    steep = np.where(data >= LEAST_DATA, np.abs(slopes), 0.0) if own else data
-    start = int(np.argmax(steep))
-    reference = slopes[start] if own else 1.0
-    terms, values = [], []
-    for i, place in enumerate(places):
-        upwards = i >= start
-        step = slopes[i + 1] - slopes[i] if upwards else slopes[i] - slopes[i + 1]
-        shifted = f"{signal} {'-' if place >= 0.0 else '+'} {abs(place):g}"
-        terms.append(f"{'max' if upwards else 'min'}({shifted}, 0)")
-        values.append(float(step / reference))
-    return Law(tuple(terms), tuple(values), (1,) * len(terms), follows)
 
 
 def _with_unit(name: str, unit: str) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data import Record
-from sysid.diagnosis.comparison.scores import finite, nrmse_interval, score
+from sysid.diagnosis.comparison.scores import nrmse_interval, score
 from sysid.diagnosis.decide.decision import Decision
 from sysid.diagnosis.decide.evidence import TIED, block_separation
 from sysid.diagnosis.decide.noise_colour import noise_of
@@ -22,9 +22,10 @@ from sysid.diagnosis.structures.structure import (
     StructureFit,
     with_fine_steps,
 )
-from sysid.diagnosis.wording import NORMAL_95
+from sysid.diagnosis.wording import plus_minus
 from sysid.errors import UsageError
 from sysid.progress import ProgressTask
+from sysid.result_files import finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +70,7 @@ class DiagnosedModel:
             ]
             n = rows.sum()
             current = min(options, key=lambda o: n * np.log(max(o.cost, 1e-300)) + o.n_parameters * np.log(n))
-        return DiagnosedModel(self.structure, self.structure.finish(current, WHITE))
+        return DiagnosedModel(self.structure, self.structure.finish(current, WHITE, closely=True))
 
     @property
     def parameters(self) -> tuple[FittedParameter, ...]:
@@ -88,7 +89,8 @@ class DiagnosedModel:
     def __repr__(self) -> str:
         lines = [f"Model {self.structure.name!r} with {', '.join(self.fitted.names) or 'no effect'}"]
         lines += [
-            f"  {p.name:12s} {p.value: .6g} ± {NORMAL_95 * p.std_error:.2g} {p.unit}" for p in self.parameters
+            f"  {p.name:14s} {p.value: .6g} {plus_minus(p.std_error) or '(no interval)'} {p.unit}".rstrip()
+            for p in self.parameters
         ]
         return "\n".join(lines)
 
@@ -145,6 +147,7 @@ def climb(
     record = structure.record
     plain = thin or decision.verdict == "unexplained"
     noise = WHITE if plain else _weighting(structure, estimates[-1], decision.noise.polynomial)
+    plain = plain or noise.size < decision.noise.polynomial.size
     finals = []
     for fit in estimates:
         final = structure.fit(fit.choices, record.learning, noise, fit, effort=Effort.REFIT)
@@ -152,7 +155,7 @@ def climb(
             final = fit
         final = with_fine_steps(structure, final, noise)
         own = noise_of(record.y[:, 0] - final.output, record.learning).polynomial if plain else noise
-        finals.append(structure.finish(final, own))
+        finals.append(structure.finish(final, own, plain=plain, closely=not plain))
         bar.advance()
     floor = decision.floor
     y = record.y[record.validation, 0]

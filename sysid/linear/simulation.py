@@ -1,7 +1,8 @@
 """Free run and one-step prediction of linear models."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -225,6 +226,47 @@ def predict_experiments(
         one_step[part] = free_run[part] + foreseen(y - free_run[part], noise)
         notes.append(note if free_start else "at rest")
     return Prediction(free_run, one_step, tuple(notes))
+
+
+def predict_outputs(
+    record: Record,
+    rows: Mask | None,
+    order: int,
+    noises: Sequence[Floats],
+    free_start: bool,
+    run: Callable[[slice, Mask, bool], Floats],
+) -> Prediction:
+    """Run every experiment of a record once for all outputs; see `predict_experiments`.
+
+    Parameters
+    ----------
+    record, rows, order, free_start
+        As in `predict_experiments`.
+    noises : sequence of ndarray
+        Polynomial of each output's residual.
+    run : callable
+        As there; gives all outputs, shape (n_rows, n_outputs).
+
+    Returns
+    -------
+    Prediction
+        With arrays of shape (n_samples, n_outputs) if there are several outputs.
+    """
+    runs: dict[int | None, Floats] = {}
+
+    def column(place: int, part: slice, used: Mask, fitted: bool) -> Floats:
+        if part.start not in runs:
+            runs[part.start] = run(part, used, fitted)
+        return np.ascontiguousarray(runs[part.start][:, place])
+
+    found = [
+        predict_experiments(record, rows, order, noise, free_start, partial(column, place), output=place)
+        for place, noise in enumerate(noises)
+    ]
+    if len(found) == 1:
+        return found[0]
+    free_run, one_step = (np.column_stack([getattr(p, n) for p in found]) for n in ("free_run", "one_step"))
+    return Prediction(free_run, one_step, found[0].starts)
 
 
 def run_free(fit: "OutputErrorFit", u: Floats, y: Floats, used: Mask) -> Floats:

@@ -92,24 +92,15 @@ class StateSpaceFit:
         Prediction
             With arrays of shape (n_samples, n_outputs) if there are several outputs.
         """
-        from sysid.linear.simulation import Prediction, check_fits, predict_experiments
+        from sysid.linear.simulation import check_fits, predict_outputs
 
         check_fits(check_record(record), self.inputs, self.outputs, self.period)
+
+        def run(part: slice, used: Mask, fitted: bool) -> Floats:
+            return run_free(self, record.u[part], record.y[part], used)
+
         free_start = self.initial_state == "estimate"
-        found = []
-        for o, noise in enumerate(self.noise):
-
-            def run(part: slice, used: Mask, fitted: bool, o: int = o) -> Floats:
-                return run_free(self, record.u[part], record.y[part], used)[:, o]
-
-            found.append(predict_experiments(record, rows, self.order, noise, free_start, run, output=o))
-        if len(found) == 1:
-            return found[0]
-        return Prediction(
-            np.column_stack([one.free_run for one in found]),
-            np.column_stack([one.one_step for one in found]),
-            found[0].starts,
-        )
+        return predict_outputs(record, rows, self.order, self.noise, free_start, run)
 
     def __repr__(self) -> str:
         lines = [f"StateSpaceFit: order {self.order}, {len(self.inputs)} inputs, {self.n_rows} rows"]

@@ -10,7 +10,8 @@ from sysid.physics.model import Equation, Model, Output, Parameter, Prior, Start
 from sysid.physics.reading import all_model_names, is_known, load_model, model_names, read_model
 
 if TYPE_CHECKING:
-    from sysid.physics.fit import PhysicsFit, fit_physics, refit_physics
+    from sysid.physics.fit import fit_physics, refit_physics
+    from sysid.physics.fitted import PhysicsFit
     from sysid.physics.simulation import Simulator
 
 __all__ = [
@@ -36,7 +37,7 @@ __all__ = [
 ]
 
 _LATE = {
-    "PhysicsFit": "sysid.physics.fit",
+    "PhysicsFit": "sysid.physics.fitted",
     "Simulator": "sysid.physics.simulation",
     "fit_physics": "sysid.physics.fit",
     "refit_physics": "sysid.physics.fit",

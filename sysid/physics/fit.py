@@ -1,7 +1,7 @@
 """Fit the parameters of a physical model by its free-run error."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,7 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask, check_record
 from sysid.errors import IdentifiabilityError, ModelError, UsageError
-from sysid.linear.forms import Floats
+from sysid.physics.fitted import PhysicsFit, output_weights
 from sysid.physics.hold import HOLDS
 from sysid.physics.joint import (
     first_weights,
@@ -20,7 +20,6 @@ from sysid.physics.joint import (
     weighed_by_noise,
 )
 from sysid.physics.model import Model, Starts
-from sysid.physics.prediction import output_weights
 from sysid.physics.problem import Problem
 from sysid.physics.reading import load_model
 from sysid.physics.restarts import EVALUATIONS, agreement, descend, search_from_many
@@ -29,7 +28,6 @@ from sysid.physics.uncertainty import Uncertainty, parameter_uncertainty
 from sysid.separable.descent import Minimum, Residual
 
 if TYPE_CHECKING:
-    from sysid.linear.simulation import Prediction
     from sysid.physics.classes import PhysicsModel
 
 INITIAL_STATES = ("estimate", "rest")
@@ -38,116 +36,6 @@ HALVINGS = 5
 # Priors are weighed by the noise that is left over, which depends on them.
 PRIOR_ROUNDS = 20
 PRIOR_TOLERANCE = 1e-6
-
-
-@dataclass(frozen=True)
-class PhysicsFit:
-    """A fitted physical model.
-
-    Attributes
-    ----------
-    model : Model
-        With the fitted values as its start values.
-    names : tuple of str
-        Parameters that were searched.
-    values : mapping of str to float
-        Value of every parameter, the fixed ones too.
-    uncertainty : Uncertainty
-        Standard errors, covariance, and the colour of the residual.
-    states : ndarray, shape (n_experiments, n_states)
-        Initial state of each experiment with rows in the fit.
-    initial_state : {"estimate", "rest"}
-    period : float
-        Sampling period [s].
-    inputs, outputs : tuple of str
-    rms : float
-        Root mean square of the free-run residual on the rows of the fit; of several outputs the root of the
-        mean of the squares relative to each one's standard deviation.
-    rms_of : tuple of float
-        Root mean square of the free-run residual of each output.
-    output_std : tuple of float
-        Standard deviation of each output on these rows.
-    n_rows : int
-        Measured values.
-    substeps : int or None
-        Runge-Kutta steps in a sample; None if the simulation is exact.
-    converged, restarts_agree : bool
-        Restarts agree when at least two searches end at the same error with the same output; equal
-        parameters are not asked for.
-    status : str
-        One sentence: how the search ended.
-    hold : {"zero", "smooth"}
-        What the input does between samples.
-    nominal : mapping of str to float
-        Value of every parameter at which the search began.
-    """
-
-    model: Model
-    names: tuple[str, ...]
-    values: Mapping[str, float]
-    uncertainty: Uncertainty
-    states: Floats
-    initial_state: str
-    period: float
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    rms: float
-    rms_of: tuple[float, ...]
-    output_std: tuple[float, ...]
-    n_rows: int
-    substeps: int | None
-    converged: bool
-    restarts_agree: bool
-    status: str
-    hold: str = "zero"
-    nominal: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def order(self) -> int:
-        """Number of states."""
-        return self.model.order
-
-    def parameters(self) -> dict[str, tuple[float, float]]:
-        """Return value and standard error of each parameter; a fixed one has the error 0."""
-        errors = dict(zip(self.names, self.uncertainty.standard_errors.tolist(), strict=True))
-        return {name: (value, errors.get(name, 0.0)) for name, value in self.values.items()}
-
-    def unit(self, name: str) -> str:
-        """Return the unit of a parameter."""
-        return self.model.parameter(name).unit
-
-    def of_output(self, place: int) -> "PhysicsFit":
-        """Return what the fit says of one of its outputs, the parameters those of all."""
-        if len(self.outputs) == 1:
-            return self
-        known = self.uncertainty
-        return replace(
-            self,
-            model=replace(self.model, outputs=(self.model.outputs[place],)),
-            uncertainty=replace(known, noises=(known.noises[place],), noise_stds=(known.noise_stds[place],)),
-            outputs=(self.outputs[place],),
-            rms=self.rms_of[place],
-            rms_of=(self.rms_of[place],),
-            output_std=(self.output_std[place],),
-        )
-
-    def predict(self, record: Record, rows: Mask | None = None) -> "Prediction":
-        """Predict every row of a record; see `sysid.physics.prediction.predict`."""
-        from sysid.physics.prediction import predict
-
-        return predict(self, record, rows)
-
-    def __repr__(self) -> str:
-        size = f"rms {self.rms:.4g} on {self.n_rows} rows"
-        if len(self.outputs) > 1:
-            size = ", ".join(f"{n} rms {r:.4g}" for n, r in zip(self.outputs, self.rms_of, strict=True))
-        lines = [f"PhysicsFit of {self.model.name!r}: {size}"]
-        for name, (value, error) in self.parameters().items():
-            spread = "fixed" if name not in self.names else f"± {error:.2g}"
-            if (prior := self.model.parameter(name).prior) is not None:
-                spread += f" (prior {prior.mean:.4g} ± {prior.std:.2g})"
-            lines.append(f"  {name:8s} {value: .6g} {self.unit(name)} {spread}")
-        return "\n".join([*lines, f"  {self.status}"])
 
 
 def fit_physics(

@@ -21,10 +21,12 @@ import numpy as np
 
 from sysid._compile import compiled
 from sysid.linear.forms import Floats
-from sysid.physics.own_laws import OwnKernel
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 State = tuple[float, float, float, float, float]
+# Laws of the user's own: the force ``law(0, position, velocity, w)``, the factor of the input
+# ``law(1, output, 0, w)``.
+OwnKernel = Callable[[int, float, float, Floats], float]
 
 MOST_STATES = 4
 # Where things stand in the vector of coefficients w: A by rows, constant rates, rates by the input,

@@ -18,6 +18,7 @@ from sysid.physics.forced_kernels import (
     MOST_STATES,
     SMOOTH,
     STUCK,
+    OwnKernel,
     breaking_force,
     cut_step,
     mode_at_zero,
@@ -39,7 +40,7 @@ from sysid.physics.forced_steps import (
     drift_of_all,
     step_of_all,
 )
-from sysid.physics.own_laws import NO_OWN_LAW, OwnKernel, kernel_of
+from sysid.physics.own_laws import NO_OWN_LAW, kernel_of
 
 # Up to so many lanes take half of them; so few are not worth a vector.
 HALF, FEW = 8, 1

@@ -1,15 +1,11 @@
 """Forces and gains of the user's own, given as expressions, as the simulation calls them."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-from sysid.linear.forms import Floats
-
-# The force ``law(0, position, velocity, w)``, the factor of the input ``law(1, output, 0, w)``.
-OwnKernel = Callable[[int, float, float, Floats], float]
 _SIGNATURE = "f8(i8, f8, f8, f8[::1])"
 
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.diagnosis.comparison.scores import finite
 from sysid.diagnosis.comparison.series import Series
 from sysid.linear.forms import Floats
+from sysid.result_files import finite
 
 LINES = 32
 FEWEST_LINES = 16

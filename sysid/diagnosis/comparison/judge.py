@@ -7,15 +7,15 @@ import numpy as np
 
 from sysid.data import Record
 from sysid.data.record import Mask
-from sysid.diagnosis.comparison.comparison import Comparison
+from sysid.diagnosis.comparison.judgement import Judgement
 from sysid.diagnosis.comparison.noise import noise_floor
 from sysid.diagnosis.comparison.nonlinear_tests import nonlinear_tests
 from sysid.diagnosis.comparison.periods import Distortion, distortion, periodic_part
-from sysid.diagnosis.comparison.residuals import CorrelationTest, input_independence, whiteness
 from sysid.diagnosis.comparison.series import Series, judged_series
 from sysid.diagnosis.comparison.set_scores import judged_rows, set_scores
 from sysid.diagnosis.comparison.where import Location, locate
 from sysid.diagnosis.models.fitted_model import FittedModel
+from sysid.diagnosis.residuals import CorrelationTest, input_independence, whiteness
 from sysid.errors import SysidError, UsageError
 from sysid.linear.forms import Floats
 from sysid.progress import Callback, part_of
@@ -35,7 +35,7 @@ def judge(
     *,
     ports: bool = True,
     progress: Callback | None = None,
-) -> Comparison:
+) -> Judgement:
     """Judge a fitted model on the rows it has not seen.
 
     Parameters
@@ -50,20 +50,21 @@ def judge(
 
     Returns
     -------
-    Comparison
+    Judgement
     """
     check_output(record)
     prediction = fitted.predict(record)
     judged, rows = judged_rows(record)
     delay_found = int(fitted.details().get("delay", 1))
-    series, learned = (
-        judged_series(record, name, chosen, prediction.free_run, delay_found)
-        for name, chosen in ((judged, rows), (record.estimation_label, record.learning))
-    )
+    series = judged_series(record, judged, rows, prediction.free_run, delay_found)
+    learned = None
+    if record.learning.any():
+        learning = (record.estimation_label, record.learning)
+        learned = judged_series(record, *learning, prediction.free_run, delay_found)
     location = locate(series, learned, part_of(progress, FITTING_SHARE, LOCATING_SHARE))
     location = _with_reversals(location, series, prediction.free_run, fitted)
     curves, notes = _explored(record, fitted, part_of(progress, LOCATING_SHARE, 100)) if ports else ((), ())
-    return Comparison(
+    return Judgement(
         record=record,
         model=fitted,
         prediction=prediction,

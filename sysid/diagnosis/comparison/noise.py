@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.comparison.periods import EQUAL, Periodic, periodic_part
-from sysid.diagnosis.comparison.scores import finite
 from sysid.linear.forms import Floats
+from sysid.result_files import finite
 
 # Rows that the one-step predictor learns at most, and the fewest of a stretch worth learning.
 TARGETS, FEWEST_TARGETS = 20_000, 60

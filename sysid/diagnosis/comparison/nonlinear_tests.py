@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sysid.diagnosis.comparison.residuals import BAND, LARGEST_LAG, CorrelationTest, corrected
 from sysid.diagnosis.comparison.series import Series
 from sysid.diagnosis.comparison.surrogates import normal_scores
+from sysid.diagnosis.residuals import BAND, LARGEST_LAG, CorrelationTest, corrected
 from sysid.linear.forms import Floats
 from sysid.linear.uncertainty import autoregression
 

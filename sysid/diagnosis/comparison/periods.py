@@ -7,9 +7,9 @@ import numpy as np
 
 from sysid.data import Record
 from sysid.data.record import Mask
-from sysid.diagnosis.comparison.scores import finite
 from sysid.diagnosis.wording import percent, quantity, significant
 from sysid.linear.forms import Floats
+from sysid.result_files import finite
 
 SHORTEST = 8
 # Two periods are the same if they differ by less than this share of the input's deviation.

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sysid.data import Record
 from sysid.diagnosis.comparison.series import Series
+from sysid.diagnosis.ports.reversals import NEAR_ZERO
 from sysid.diagnosis.wording import quantity
 from sysid.linear.forms import Floats
 
@@ -16,8 +17,6 @@ LEVELS = (0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95)
 BARS = 10
 OUTER_SHARE = 0.005
 WINDOWS = 20
-# Velocities below this share of their root mean square count as near zero.
-NEAR_ZERO = 0.25
 SMALLEST_SHARE, LARGEST_SHARE = 0.015, 0.6
 SMALLEST_BAR, FEWEST_ROWS = 0.003, 12
 LENGTH_UNITS = ("m", "mm", "µm", "cm", "km", "rad", "deg", "°")

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.diagnosis.comparison.regions import NEAR_ZERO, moving_signal
+from sysid.diagnosis.comparison.regions import moving_signal
 from sysid.diagnosis.comparison.series import Series
 from sysid.diagnosis.comparison.where import LEVEL, SMALLEST_EXPLAINED, Finding
 from sysid.diagnosis.ports.plants import Plant
+from sysid.diagnosis.ports.reversals import NEAR_ZERO
 from sysid.diagnosis.wording import percent, quantity
 from sysid.linear.forms import Floats
 from sysid.linear.simulation import simulate_state_space

@@ -5,11 +5,12 @@ from typing import Any
 
 import numpy as np
 
+from sysid.diagnosis.residuals import block_length
 from sysid.linear.forms import Floats
+from sysid.result_files import finite
 
 CONFIDENCE = 0.95
 REPLICATES = 1000
-FEWEST_BLOCKS = 8
 
 
 @dataclass(frozen=True)
@@ -151,32 +152,7 @@ def nrmse_interval(y: Floats, predicted: Floats, seed: int = 0) -> tuple[float, 
     return float(low), float(high)
 
 
-def block_length(series: Floats) -> int:
-    """Return a block length over which a series forgets itself."""
-    longest = max(series.size // FEWEST_BLOCKS, 1)
-    correlation = autocorrelation(series, longest)
-    # The sum is cut at the first correlation that is lost in its own noise.
-    lost = np.flatnonzero(correlation < 2.0 / np.sqrt(series.size))
-    cut = int(lost[0]) if lost.size else correlation.size
-    time = 1.0 + 2.0 * float(correlation[1:cut].sum())
-    return int(np.clip(np.ceil(max(2.0 * time, series.size ** (1.0 / 3.0))), 1, longest))
-
-
-def autocorrelation(series: Floats, largest_lag: int) -> Floats:
-    """Return the sample autocorrelation at lags 0 to ``largest_lag``."""
-    centred = series - series.mean()
-    n_fft = 1 << int(2 * series.size - 1).bit_length()
-    spectrum = np.fft.rfft(centred, n_fft)
-    covariance = np.fft.irfft(np.abs(spectrum) ** 2, n_fft)[: largest_lag + 1]
-    return np.asarray(covariance / covariance[0]) if covariance[0] > 0.0 else np.eye(1, largest_lag + 1)[0]
-
-
 def _block_sums(values: Floats, length: int) -> Floats:
     """Return the sum of the block that starts at each row, wrapping around."""
     wrapped = np.concatenate([[0.0], np.cumsum(np.concatenate([values, values[: length - 1]]))])
     return np.asarray(wrapped[length:] - wrapped[:-length])
-
-
-def finite(value: float) -> float | None:
-    """Return the value, or None if it is not finite: JSON has no NaN."""
-    return float(value) if np.isfinite(value) else None

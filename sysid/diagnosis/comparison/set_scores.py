@@ -7,7 +7,7 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import ESTIMATION_LABELS, Mask
 from sysid.diagnosis.comparison.scores import SetScore, nrmse_interval, score
-from sysid.diagnosis.models.fitted_model import FittedModel
+from sysid.diagnosis.models.fitted_model import FittedModel, Known
 
 if TYPE_CHECKING:
     from sysid.linear.simulation import Prediction
@@ -26,11 +26,13 @@ def set_scores(record: Record, model: FittedModel, prediction: "Prediction") -> 
     """Return the scores on the rows of the fit, on validation rows, and on each test set."""
     label = record.estimation_label
     learned = np.isin(record.split, ESTIMATION_LABELS)
-    both = "estimation and validation rows"
-    scores = [_set_score(record, label, learned, prediction, 0, both)]
+    both, first = "estimation and validation rows", "estimation rows"
+    if isinstance(model, Known):
+        both = first = model.fitted_on
+    scores = [_set_score(record, label, learned, prediction, 0, both)] if learned.any() else []
     if record.validation.any():
         honest = model.predict_held_out(record)
-        scores.append(_set_score(record, "validation", record.validation, honest, 0, "estimation rows"))
+        scores.append(_set_score(record, "validation", record.validation, honest, 0, first))
     for name in record.test_sets:
         rows = record.scored_rows(name)
         if rows.sum() > 1:

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.data import Record
-from sysid.diagnosis.comparison.residuals import BAND_LEVEL, CorrelationTest
-from sysid.diagnosis.comparison.scores import Score, SetScore, finite
+from sysid.diagnosis.comparison.scores import Score, SetScore
+from sysid.diagnosis.residuals import BAND_LEVEL, CorrelationTest
 from sysid.diagnosis.wording import all_of, percent, quantity
+from sysid.result_files import finite
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.comparison.comparison import Comparison
+    from sysid.diagnosis.comparison.judgement import Judgement
 
 # Correlations of fewer rows lie within their bands whatever the residual is.
 FEWEST_TESTED_ROWS = 20
@@ -26,7 +27,7 @@ SIZE = "squared_residual"
 NOWHERE = "the error is spread over time, levels, velocities and frequencies as chance would spread it"
 
 
-def sentences(comparison: "Comparison") -> list[str]:
+def sentences(comparison: "Judgement") -> list[str]:
     """Return what was found, the main thing first."""
     judged = comparison.score_of(comparison.judged)
     output = comparison.record.outputs[0]
@@ -54,7 +55,7 @@ def sentences(comparison: "Comparison") -> list[str]:
     return [*found, *comparison.model.notes]
 
 
-def linear_test_sentences(comparison: "Comparison") -> list[str]:
+def linear_test_sentences(comparison: "Judgement") -> list[str]:
     """Return what whiteness and cross-correlation say."""
     judged, inputs = comparison.judged, comparison.record.inputs
     tests = {name: t for name, t in comparison.tests.items() if name.startswith(INPUT_RESIDUAL)}
@@ -77,7 +78,7 @@ def _listed(names: Sequence[str]) -> str:
     return " or ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
 
 
-def nonlinear_tests_of(comparison: "Comparison") -> dict[str, CorrelationTest]:
+def nonlinear_tests_of(comparison: "Judgement") -> dict[str, CorrelationTest]:
     """Return the tests for nonlinear traces."""
     return {
         name: test
@@ -86,7 +87,7 @@ def nonlinear_tests_of(comparison: "Comparison") -> dict[str, CorrelationTest]:
     }
 
 
-def _nonlinear_sentence(comparison: "Comparison") -> str:
+def _nonlinear_sentence(comparison: "Judgement") -> str:
     tests = nonlinear_tests_of(comparison)
     # One sentence for several tests: each counts as one of so many looks.
     level = (1.0 - BAND_LEVEL) / max(len(tests), 1)
@@ -116,7 +117,7 @@ def _followed(name: str) -> str:
     return f"the {power} {signal.replace('_', ' ')}"
 
 
-def _floor_sentence(comparison: "Comparison", judged: SetScore) -> str:
+def _floor_sentence(comparison: "Judgement", judged: SetScore) -> str:
     floor, error = comparison.noise_floor, judged.free_run.nrmse
     if not (np.isfinite(floor.nrmse) and np.isfinite(error)):
         return ""
@@ -182,7 +183,7 @@ def _follows_sentence(name: str, test: CorrelationTest, judged: str) -> str:
     )
 
 
-def model_json(comparison: "Comparison") -> dict[str, Any]:
+def model_json(comparison: "Judgement") -> dict[str, Any]:
     """Return the model's part of the JSON file."""
     model = comparison.model
     return {

@@ -8,10 +8,10 @@ import numpy as np
 
 from sysid.diagnosis.comparison.bands import Band, band_shares
 from sysid.diagnosis.comparison.regions import LARGEST_SHARE, Division, Region, by_experiment, divisions
-from sysid.diagnosis.comparison.scores import finite
 from sysid.diagnosis.comparison.series import Series
 from sysid.diagnosis.comparison.surrogates import Contrasts, examine
 from sysid.diagnosis.wording import percent, quantity
+from sysid.result_files import finite
 
 LEVEL = 0.01
 # A share that is significant and yet hardly larger than that of the data is not worth a sentence.

@@ -13,12 +13,15 @@ from sysid.diagnosis.decide.noise_colour import WHITE_NOISE, Noise
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.effects.base import Effect, Floats, Form
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit, filtered
+from sysid.diagnosis.structures.thresholds import is_switched_by_input
 from sysid.progress import Progress
 
 # How many candidates are fitted at all, in all their forms, and with the finest search.
 SCREENED, REFINED, POLISHED = 12, 6, 3
 # How many are fitted beside effects that were accepted before, in all forms, and finest.
 FURTHER, REFINED_BESIDE, POLISHED_BESIDE = 8, 4, 2
+# Of the criterion: beneath it two fits are one.
+SAME_RUN = 0.1
 # A model that leaves this share of the squared deviations has lost its plant.
 MOST_LOST = 0.7
 
@@ -135,7 +138,7 @@ class Trials:
                     found[trial.name] = trial
         base = self.evidence.criterion(self.evidence.refitted(current, noise), noise)
         trials = [replace(t, gain=base - t.criterion) for t in found.values()]
-        return sorted(trials, key=lambda t: t.criterion)
+        return _switch_first(sorted(trials, key=lambda t: t.criterion))
 
     def _each(self, what: str, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
         """Apply a function to each item, several at a time if so many jobs may run, results in order."""
@@ -219,3 +222,18 @@ class Trials:
 def may_hold(effect: Effect) -> bool:
     """Tell whether an effect is a force that could keep a body where it was measured: friction does not."""
     return effect.port == "force" and not effect.dry and not any(form.state for form in effect.forms)
+
+
+def _switch_first(trials: list[Trial]) -> list[Trial]:
+    """Put a switch before smooth maps that do the same: they do so only at their own degenerate end.
+
+    A limit below all that comes in is a relay, whose level is the model's gain.
+    """
+    same = [trial for trial in trials if trial.criterion - trials[0].criterion < SAME_RUN]
+    if len(same) < 2 or trials[0].gain <= 0.0:
+        return trials
+    return [*sorted(same, key=lambda trial: not _switches(trial)), *trials[len(same) :]]
+
+
+def _switches(trial: Trial) -> bool:
+    return trial.fit is not None and is_switched_by_input(trial.fit.choices[-1])

@@ -5,11 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sysid.data.record import Mask
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
 from sysid.diagnosis.decide.innovations import foreseen
 from sysid.diagnosis.decide.modes import MODE, is_the_plant_again, rings
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, Evidence
 from sysid.diagnosis.structures.structure import WHITE, Effort, StructureFit, with_fine_steps
+from sysid.diagnosis.structures.thresholds import is_switched_by_input
 
 # Noise that is coloured beside an effect is a trace of something else if the probes find this.
 SUSPECT_P_VALUE = 3e-3
@@ -80,7 +82,7 @@ class Judge:
         # in time shows better, or only, in more of it.
         rows = evidence.structure.record.learning
         chance, share = self._something_left(bool(fits), composed, coloured)
-        left_p, left_share, floor = evidence.left(baseline, final, rows)
+        left_p, left_share, floor = evidence.left(baseline, self._with_thresholds(final, rows), rows)
         period = evidence.structure.record.period
         stands_in = composed and not evidence.smooth and MODE in final.names
         stands_in = stands_in and (not rings(final) or is_the_plant_again(final, period))
@@ -115,6 +117,16 @@ class Judge:
         y = evidence.structure.record.y[evidence.held_out, 0]
         before, after = (evidence.held_out_error(fit, WHITE) for fit in (baseline, final))
         return after > max(before, float(np.nanstd(y)))
+
+    def _with_thresholds(self, fit: StructureFit, rows: Mask) -> StructureFit:
+        """Return a fit whose thresholds of the input stand where rows want them that it has not seen.
+
+        The rows of a search tell them only to lie between two of their inputs.
+        """
+        if not any(map(is_switched_by_input, fit.choices)):
+            return fit
+        moved = self.evidence.structure.fit(fit.choices, rows, WHITE, fit, effort=Effort.REFIT)
+        return moved if moved.usable else fit
 
     def _something_left(self, effects: bool, composed: bool, coloured: bool) -> tuple[float, float]:
         """Return below which chance and above which share of the explainable something is left.

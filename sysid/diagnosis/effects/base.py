@@ -39,7 +39,7 @@ class Grid:
     Attributes
     ----------
     scale : str
-        ``"input quantile"``, ``"output quantile"``: points are quantiles of the absolute value;
+        ``"input quantile"``, ``"output quantile"``: points are quantiles of the absolute value, 0 is zero;
         ``"input swing quantile"``: of the distance from the median, for what only counts how far it moves;
         ``"input deviation"``, ``"output deviation"``, ``"speed deviation"``: multiples of the standard
         deviation (speed is the output's first difference); ``"output count"``: multiples of the output's
@@ -70,7 +70,8 @@ class Grid:
         if self.scale == "input swing quantile":
             signal = u - np.median(u)
         if kind == "quantile":
-            return np.asarray(np.quantile(np.abs(signal), points))
+            # Below all that is not zero: an input of few levels may have nothing near zero.
+            return np.where(points > 0.0, np.quantile(np.abs(signal), points), 0.0)
         if kind == "rise":
             return _rises(signal, points) / period
         if kind == "count":

@@ -2,138 +2,71 @@
 
 import json
 import tomllib
-from dataclasses import dataclass
+from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.export.saved_effects import SavedEffect, read_saved_effects, saved_effects
+from sysid.diagnosis.export.saved_effects import read_saved_effects, saved_effects
+from sysid.diagnosis.export.saved_linear import KIND, SCHEMA, SavedModel
 from sysid.diagnosis.export.saved_physics import KIND as PHYSICAL
 from sysid.diagnosis.export.saved_physics import SavedPhysicalModel, saved_physical_model
 from sysid.diagnosis.ladder import DiagnosedModel
-from sysid.diagnosis.linear.chain import Chain
-from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.linear.structure import LinearStructure
 from sysid.diagnosis.physics.structure import PhysicsStructure
-from sysid.diagnosis.structures.pointwise import check_pointwise
-from sysid.errors import DataError, ModelError, SysidError, UsageError
+from sysid.errors import DataError, SysidError, UsageError
+from sysid.physics.hold import HOLDS
 
-SCHEMA = 1
-KIND = "sysid-linear-model"
+if TYPE_CHECKING:
+    import control
+
+Saved = SavedModel | SavedPhysicalModel
+# With which the kinds of saved models begin.
+MARK = "sysid-"
 ENDINGS = (".json", ".toml", ".py")
 
 
-@dataclass(frozen=True)
-class SavedModel:
-    """A linear model with effects, apart from the record it was fitted to.
+def to_control(model: DiagnosedModel | Saved) -> "control.NonlinearIOSystem":
+    """Return a diagnosed or saved model as a system of python-control.
 
-    Attributes
-    ----------
-    a, b : tuple of float
-        Coefficients a1, ..., an and b1, ..., bn.
-    constant : float
-    period : float
-        Sampling period [s].
-    effects : tuple of SavedEffect
+    A linear difference equation becomes one in discrete time, a physical model one in continuous time.
+
+    Raises
+    ------
+    ModelError
+        If an effect has a memory of its own, which is no state of the model, or a physical model is not
+        linear in its states.
     """
+    from sysid.diagnosis.export import control_linear, control_physics
 
-    a: tuple[float, ...]
-    b: tuple[float, ...]
-    constant: float
-    period: float
-    effects: tuple[SavedEffect, ...]
-
-    def simulate(self, u: ArrayLike) -> Floats:
-        """Return the free run from rest for an input, shape (n_samples,)."""
-        signal = np.array(u, dtype=np.float64)
-        chain, point = self._chain()
-        begin = np.array([0, signal.size])
-        data = Data(signal, np.zeros(signal.size), np.ones(signal.size, dtype=bool), begin, self.period)
-        run = chain.run(data, point)
-        if run is None:
-            raise ModelError("the model diverges for this input: keep it within the range it was fitted on")
-        return run.y
-
-    def _chain(self) -> tuple[Chain, Floats]:
-        choices = [effect.choice for effect in self.effects]
-        own = [value for effect in self.effects for value in effect.values]
-        chain = Chain(len(self.a), choices, constant=True, free_start=False)
-        return chain, np.array([*self.a, *self.b, self.constant, *own])
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain values."""
-        return {
-            "kind": KIND,
-            "schema": SCHEMA,
-            "period": self.period,
-            "a": list(self.a),
-            "b": list(self.b),
-            "constant": self.constant,
-            "effects": [effect.to_json() for effect in self.effects],
-        }
-
-    def to_control(self) -> Any:
-        """Return the model as a `control.NonlinearIOSystem` in discrete time.
-
-        Its state is the memory of the difference equation and the whole past of the input is not kept, so
-        effects with a memory of their own cannot be taken along.
-        """
-        import control
-
-        chain, point = self._chain()
-        n = chain.order
-        check_pointwise(chain.choices)
-
-        def mapped(port: str, value: float) -> float:
-            for i in chain.at[port]:
-                apply = chain.choices[i].form.apply
-                assert apply is not None
-                own = point[2 * n + 1 :][_place(chain, i)]
-                value = float(apply(np.array([value]), own, self.period)[0])
-            return value
-
-        def drive(z: float, speed: float, u: float) -> float:
-            from sysid.diagnosis.effects.laws import drive_of
-
-            value = mapped("input", u)
-            for i in chain.drives:
-                law = drive_of(chain.choices[i].effect, chain.choices[i].form)
-                value = law(value, z, speed, np.ascontiguousarray(point[2 * n + 1 :][_place(chain, i)]))
-            return value
-
-        def output(x: Floats) -> float:
-            # The state holds z(k-1), ..., z(k-n), v(k-1), ..., v(k-n).
-            return float(point[n : 2 * n] @ x[n:] - point[:n] @ x[:n] + point[2 * n])
-
-        def update(t: float, x: Floats, u: Floats, params: Any) -> Floats:
-            z = output(x)
-            v = drive(z, z - x[0], float(u[0]))
-            return np.concatenate([[z], x[: n - 1], [v], x[n : 2 * n - 1]])
-
-        def measured(t: float, x: Floats, u: Floats, params: Any) -> Floats:
-            return np.array([mapped("output", output(x))])
-
-        return control.NonlinearIOSystem(
-            update, measured, states=2 * n, inputs=["u"], outputs=["y"], dt=self.period, name="diagnosed"
-        )
-
-    def to_python(self) -> str:
-        """Return the source of a function ``simulate(u)`` that needs NumPy alone."""
-        from sysid.diagnosis.export.standalone import source
-
-        return source(self)
+    saved = saved_model(model)
+    if isinstance(saved, SavedModel):
+        return control_linear.control_system(saved)
+    return control_physics.control_system(saved)
 
 
-def _place(chain: Chain, i: int) -> slice:
-    before = sum(len(c.form.parameters) for c in chain.choices[:i])
-    return slice(before, before + len(chain.choices[i].form.parameters))
+def to_python(model: DiagnosedModel | Saved) -> str:
+    """Return the source of a function ``simulate(u)`` that needs NumPy alone.
+
+    Raises
+    ------
+    ModelError
+        If the model cannot be written so: an effect in Python of the user's own, states that act nonlinearly.
+    """
+    from sysid.diagnosis.export import standalone, standalone_physics
+
+    saved = saved_model(model)
+    if isinstance(saved, SavedModel):
+        return standalone.source(saved)
+    return standalone_physics.source(saved)
 
 
-def saved_model(model: DiagnosedModel) -> SavedModel | SavedPhysicalModel:
-    """Return a diagnosed model apart from its record."""
+def saved_model(model: DiagnosedModel | Saved) -> Saved:
+    """Return a diagnosed model apart from its record; a saved one is returned as it is."""
+    if isinstance(model, Saved):
+        return model
     structure, fit = model.structure, model.fitted
     if isinstance(structure, PhysicsStructure):
         return saved_physical_model(model)
@@ -151,14 +84,24 @@ def saved_model(model: DiagnosedModel) -> SavedModel | SavedPhysicalModel:
     )
 
 
-def save(model: DiagnosedModel, path: Path) -> None:
-    """Save a model by the ending of the file: ``.json``, ``.toml``, or ``.py`` (NumPy alone)."""
+def save(model: DiagnosedModel | Saved, path: Path | str) -> None:
+    """Save a model by the ending of the file: ``.json``, ``.toml``, or ``.py`` (NumPy alone).
+
+    The first two are read again by `load`, and taken by `compare` and `diagnose` in place of a model's name.
+
+    Raises
+    ------
+    UsageError
+        If the ending is another one, or the model of a class of the user's own.
+    ModelError
+        If the model cannot be written as Python.
+    """
     from sysid.result_files import write_text
 
+    path = Path(path)
     check_ending(path)
-    saved = saved_model(model)
-    kinds = {".json": _json_text, ".toml": _toml_text}
-    write_text(path, saved.to_python() if path.suffix == ".py" else kinds[path.suffix](saved))
+    kinds = {".json": _json_text, ".toml": _toml_text, ".py": to_python}
+    write_text(path, kinds[path.suffix](saved_model(model)))
 
 
 def check_ending(path: Path) -> None:
@@ -167,20 +110,51 @@ def check_ending(path: Path) -> None:
         raise UsageError(f"{path}: the ending {path.suffix!r} is not known: choose .json, .toml or .py")
 
 
-def load(path: Path) -> SavedModel | SavedPhysicalModel:
-    """Read a model that `save` wrote as JSON or TOML."""
+def is_saved(path: Path | str) -> bool:
+    """Tell whether a file is of the kind that `load` reads, rather than the description of a model."""
+    path = Path(path)
+    if path.suffix == ".json":
+        return True
+    try:
+        return path.suffix == ".toml" and path.read_text(encoding="utf-8").startswith(f'kind = "{MARK}')
+    except (OSError, ValueError):
+        return False
+
+
+def load(path: Path | str) -> Saved:
+    """Read a model that `save` wrote as JSON or TOML.
+
+    Raises
+    ------
+    DataError
+        If the file cannot be read or holds something else.
+    """
+    path = Path(path)
     try:
         text = path.read_text(encoding="utf-8")
         content = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text)
-        if content["kind"] not in (KIND, PHYSICAL) or content["schema"] != SCHEMA:
+        if content["kind"] not in (KIND, PHYSICAL):
+            raise DataError(
+                f"{path} is no model that `sysid diagnose --save` wrote: it holds {content['kind']!r}"
+            )
+        if content["schema"] != SCHEMA:
             raise DataError(f"{path} is no model of this version: save it again")
         effects = read_saved_effects(content["effects"])
+        own = [value for effect in effects for value in effect.values]
+        _check_numbers(path, "parameters of its effects", own)
+        _check_numbers(path, "period", [content["period"]], positive=True)
         if content["kind"] == PHYSICAL:
-            period, steps = float(content["period"]), int(content["substeps"])
-            found = SavedPhysicalModel(str(content["model"]), period, str(content["hold"]), steps, effects)
+            period, steps, hold = float(content["period"]), int(content["substeps"]), str(content["hold"])
+            _check_numbers(path, "substeps", [steps], positive=True)
+            if hold not in HOLDS:
+                raise DataError(f"{path}: hold is {hold!r}, choose one of {', '.join(HOLDS)}")
+            found = SavedPhysicalModel(str(content["model"]), period, hold, steps, effects)
             found.simulate(np.zeros((1, len(found.model.inputs))))
             return found
         a, b = (tuple(float(v) for v in content[key]) for key in ("a", "b"))
+        if not a or len(a) != len(b):
+            raise DataError(f"{path} has {len(a)} coefficients a and {len(b)} b: give as many of each")
+        _check_numbers(path, "coefficients", [*a, *b, content["constant"]])
         return SavedModel(a, b, float(content["constant"]), float(content["period"]), effects)
     except OSError as problem:
         raise DataError(f"{path} cannot be read ({problem.strerror}): give a saved model") from None
@@ -190,11 +164,19 @@ def load(path: Path) -> SavedModel | SavedPhysicalModel:
         raise DataError(f"{path} is no saved model ({problem!r}): write one with --save") from None
 
 
-def _json_text(saved: SavedModel | SavedPhysicalModel) -> str:
+def _check_numbers(path: Path, what: str, values: Sequence[float], *, positive: bool = False) -> None:
+    """Raise DataError unless all values are finite, and positive if asked."""
+    for value in map(float, values):
+        if not isfinite(value) or (positive and value <= 0.0):
+            rule = "positive" if positive else "finite"
+            raise DataError(f"{path}: {what}: {value:g} is no {rule} number, save the model again")
+
+
+def _json_text(saved: Saved) -> str:
     return json.dumps(saved.to_json(), indent=1) + "\n"
 
 
-def _toml_text(saved: SavedModel | SavedPhysicalModel) -> str:
+def _toml_text(saved: Saved) -> str:
     content = saved.to_json()
     plain = {key: value for key, value in content.items() if key != "effects"}
     lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in plain.items()]

@@ -11,6 +11,8 @@ from sysid.diagnosis.effects.catalogue import effect_of_table, find_effects
 from sysid.diagnosis.physics.laws import SWITCHES, with_level
 from sysid.diagnosis.structures.structure import Choice
 
+DIVERGES = "the model diverges for this input: keep it within the range it was fitted on"
+
 
 @dataclass(frozen=True)
 class SavedEffect:
@@ -30,12 +32,17 @@ class SavedEffect:
     definition: str = ""
 
     @cached_property
-    def choice(self) -> Choice:
-        """The effect in its form, from its definition or from the catalogue."""
+    def effect(self) -> Effect:
+        """The effect from its definition or from the catalogue."""
         if self.definition:
-            effect: Effect = effect_of_table(self.name, json.loads(self.definition))
-        else:
-            (effect,) = find_effects([self.name])
+            return effect_of_table(self.name, json.loads(self.definition))
+        (effect,) = find_effects([self.name])
+        return effect
+
+    @cached_property
+    def choice(self) -> Choice:
+        """The effect in its form."""
+        effect = self.effect
         if self.name in SWITCHES and "level" in self.parameters:
             effect = with_level(effect)
         return Choice(effect, effect.form(self.form))

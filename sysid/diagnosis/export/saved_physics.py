@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.export.saved_effects import SavedEffect, saved_effects
+from sysid.diagnosis.export.saved_effects import DIVERGES, SavedEffect, saved_effects
 from sysid.diagnosis.ladder import DiagnosedModel
 from sysid.diagnosis.physics.laws import INNER, coefficients, own_law
 from sysid.diagnosis.physics.problem import COARSE_STEP, problem_of
@@ -92,24 +92,58 @@ class SavedPhysicalModel:
         """Whether no effect acts inside the dynamics."""
         return all(choice.effect.port not in INNER for choice in self.choices)
 
-    def simulate(self, u: ArrayLike) -> Floats:
-        """Return the free run from rest for an input, shape (n_samples,) or (n_samples, n_inputs)."""
-        signal = np.array(u, dtype=np.float64)
+    @property
+    def order(self) -> int:
+        """Number of states."""
+        return self.model.order
+
+    @property
+    def rest(self) -> Floats:
+        """Initial state of a run from rest, shape (order,)."""
+        return np.array([state.rest for state in self.model.states])
+
+    def parameters(self) -> list[tuple[str, float, str]]:
+        """Return name, value and unit of each parameter of the model."""
+        return [(p.name, p.start, p.unit) for p in self.model.parameters]
+
+    def equation(self) -> str:
+        """Return the equations of motion, for a reader."""
+        return str(self.model)
+
+    def visited(self, u: ArrayLike) -> Floats:
+        """Return the states that a run from rest passes, shape (n_samples, order).
+
+        From one of them a search for an initial state may begin: an empty or a full tank does not feel a
+        small change of its level.
+        """
+        states = np.empty((1, len(np.asarray(u)), self.order))
+        with np.errstate(all="ignore"):
+            self._run(np.array(u, dtype=np.float64), None, states)
+        return np.asarray(states[0])
+
+    def simulate(self, u: ArrayLike, start: ArrayLike | None = None) -> Floats:
+        """Return the free run for an input, shape (n_samples,) or (n_samples, n_inputs).
+
+        It begins from rest or from a state of shape (order,).
+        """
+        y = self._run(np.array(u, dtype=np.float64), start)
+        if not np.isfinite(y).all():
+            raise ModelError(DIVERGES)
+        return y
+
+    def _run(self, signal: Floats, start: ArrayLike | None, passed: Floats | None = None) -> Floats:
         driven = signal[:, np.newaxis] if signal.ndim == 1 else signal
         first = np.ascontiguousarray(driven[:, 0])
         driven = np.column_stack([self.applied("input", first), driven[:, 1:]])
         laws = self.law[np.newaxis]
-        plant = self.plant
-        y = plant.run(
-            self.values[np.newaxis], laws, driven, None, self.substeps, None, self.exact, self.own_law
+        states = None if start is None else np.array(start, dtype=np.float64)[np.newaxis]
+        y = self.plant.run(
+            self.values[np.newaxis], laws, driven, states, self.substeps, passed, self.exact, self.own_law
         )[0]
         for choice, p in zip(self.choices, self.own, strict=True):
             if choice.effect.port == "parallel" and choice.form.apply is not None:
                 y = y + choice.form.apply(first, p, self.period)
-        y = self.applied("output", y)
-        if not np.isfinite(y).all():
-            raise ModelError("the model diverges for this input: keep it within the range it was fitted on")
-        return y
+        return self.applied("output", y)
 
     def applied(self, port: str, signal: Floats) -> Floats:
         """Send a sequence through the effects at the input or at the output."""
@@ -129,23 +163,6 @@ class SavedPhysicalModel:
             "substeps": self.substeps,
             "effects": [effect.to_json() for effect in self.effects],
         }
-
-    def to_control(self) -> Any:
-        """Return the model as a `control.NonlinearIOSystem` in continuous time.
-
-        Its states are those of the model, a velocity on which friction acts first, and the deflection of an
-        elastic contact last if there is one.  Dry friction holds a body that rests and jumps with the
-        direction of one that moves, as the simulation of `simulate` has it.
-        """
-        from sysid.diagnosis.export.control_system import control_system
-
-        return control_system(self)
-
-    def to_python(self) -> str:
-        """Return the source of a function ``simulate(u)`` that needs NumPy alone."""
-        from sysid.diagnosis.export.standalone_physics import source
-
-        return source(self)
 
 
 def saved_physical_model(model: DiagnosedModel) -> SavedPhysicalModel:

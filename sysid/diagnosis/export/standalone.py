@@ -1,13 +1,10 @@
 """Write a model with effects as Python source that needs NumPy alone."""
 
 import json
-from typing import TYPE_CHECKING
 
+from sysid.diagnosis.export.saved_linear import SavedModel
 from sysid.diagnosis.structures.structure import Choice
 from sysid.errors import ModelError
-
-if TYPE_CHECKING:
-    from sysid.diagnosis.export.saved import SavedModel
 
 # Bodies of maps, by effect and form; p is the list of parameters, s the sequence, T the sampling period.
 _MAPS = {
@@ -90,7 +87,7 @@ _HELPERS = {
 }
 
 
-def source(model: "SavedModel") -> str:
+def source(model: SavedModel) -> str:
     """Return the source of ``simulate(u)``."""
     ports: dict[str, list[str]] = {"input": [], "parallel": [], "output": [], "drive": []}
     choices = [effect.choice for effect in model.effects]

@@ -4,20 +4,18 @@ The source holds the very functions that simulate the model here, uncompiled, wi
 """
 
 import inspect
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.export.saved_physics import SavedPhysicalModel
 from sysid.diagnosis.export.standalone import helpers_for, map_source
 from sysid.diagnosis.physics.laws import SWITCHES
 from sysid.errors import ModelError
 from sysid.physics import forced_kernels as fk
 from sysid.physics.forced import MOST_STATES, ForcedPlant
 from sysid.physics.own_laws import source_of
-
-if TYPE_CHECKING:
-    from sysid.diagnosis.export.saved_physics import SavedPhysicalModel
 
 _LINEAR = ("multiplied", "exponential", "linear_runs")
 _FORCED = (
@@ -33,7 +31,7 @@ _NUMBERS = (
 )  # fmt: skip
 
 
-def source(saved: "SavedPhysicalModel") -> str:
+def source(saved: SavedPhysicalModel) -> str:
     """Return the source of ``simulate(u)``."""
     plant = saved.plant
     if not isinstance(plant, ForcedPlant) or plant.hold != "zero":
@@ -87,13 +85,13 @@ def simulate(u):
 '''
 
 
-def _own(saved: "SavedPhysicalModel") -> str:
+def _own(saved: SavedPhysicalModel) -> str:
     """Return the source of the user's own laws."""
     text = source_of(saved.own_law)
     return text[text.index("def ") :]
 
 
-def _maps(saved: "SavedPhysicalModel", port: str) -> str:
+def _maps(saved: SavedPhysicalModel, port: str) -> str:
     lines = []
     for choice, p in zip(saved.choices, saved.own, strict=True):
         if choice.effect.port != port:

@@ -138,6 +138,14 @@ class Chain:
             self._bounds[data] = lower, np.concatenate([free, [p.maximum for p in parameters]])
         return self._bounds[data]
 
+    def smooth(self, data: Data) -> Mask:
+        """Tell which unknowns the output follows smoothly: all but the shapes of what jumps."""
+        found = np.ones(self.size(data), dtype=bool)
+        for place, choice in zip(self.places(data), self.choices, strict=True):
+            if not choice.form.smooth:
+                found[[place.start + i for i in choice.form.shapes]] = False
+        return found
+
     def run(self, data: Data, point: Floats) -> Run | None:
         """Simulate; None if it diverges."""
         x = self._recalled(data, point)

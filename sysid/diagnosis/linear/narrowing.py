@@ -10,6 +10,8 @@ from sysid.diagnosis.linear.levenberg import Minimum
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 # The cost has small steps of its own: it is looked at once more around the best, in these parts of the range.
 CLOSER = (0.12, 0.015)
+# Of the values between which a threshold moves in vain, so many on either side are tried at a time.
+NEIGHBOURS, MOST_WALKS = 3, 12
 
 
 class Narrowing:
@@ -51,6 +53,24 @@ class Narrowing:
             for part in CLOSER if closer else ():
                 middle, reach = float(self.best.point[self.shapes[i]]), part * (high - low)
                 self._golden(i, max(middle - reach, float(grid[0])), middle + reach, steps // 2)
+
+    def walk(self, levels: Floats) -> None:
+        """Go on from cell to cell as long as one of the next ones is better.
+
+        Parameters
+        ----------
+        levels : ndarray
+            In rising order: between two of them a threshold moves in vain.
+        """
+        middles = 0.5 * (levels[1:] + levels[:-1])
+        for _ in range(MOST_WALKS):
+            before = self.best.cost
+            for i in range(len(self.grids)):
+                place = int(np.searchsorted(levels, self.best.point[self.shapes[i]])) - 1
+                for value in middles[max(place - NEIGHBOURS, 0) : place + NEIGHBOURS + 1].tolist():
+                    self._cost(i, value)
+            if self.best.cost >= before:
+                return
 
     def _golden(self, i: int, low: float, high: float, steps: int) -> None:
         left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)

@@ -1,16 +1,21 @@
 """What the point of a linear model says to a reader: named parameters, their errors, the equation."""
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
 
 from sysid.data import Record
+from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import EffectParameter, Floats
 from sysid.diagnosis.linear.cells import read_cells
 from sysid.diagnosis.linear.chain import Chain
+from sysid.diagnosis.linear.levenberg import Minimum
 from sysid.diagnosis.linear.modes import errors_over_minima
+from sysid.diagnosis.linear.profile import Profile
 from sysid.diagnosis.linear.rows import Data
-from sysid.diagnosis.structures.structure import Choice, FittedParameter
+from sysid.diagnosis.structures.plain_errors import plain_errors
+from sysid.diagnosis.structures.structure import WHITE, Choice, FittedParameter
 
 # Of the diagonal of R, columns scaled to unit length: below it the unknowns cannot be told apart.
 DEPENDENT = 1e-10
@@ -36,7 +41,9 @@ def named_parameters(record: Record, chain: Chain, data: Data, point: Floats) ->
     return tuple(found)
 
 
-def standard_errors(chain: Chain, data: Data, point: Floats, noise: Floats, cost: float) -> Floats:
+def standard_errors(
+    chain: Chain, data: Data, point: Floats, noise: Floats, cost: float, *, closely: bool = False
+) -> tuple[Floats, Minimum | None]:
     """Return the standard error of each unknown of a point; NaN where the output does not tell.
 
     Parameters
@@ -48,29 +55,64 @@ def standard_errors(chain: Chain, data: Data, point: Floats, noise: Floats, cost
         D(q) of the noise.
     cost : float
         Sum of squares at the point.
+    closely : bool
+        Whether to follow the likelihood where slopes do not hold; the point is a minimum then.
 
     Returns
     -------
     ndarray, shape (n_unknowns,)
+    Minimum or None
+        A point that is far more likely, if one was met.
     """
-    errors = np.full(point.size, np.nan)
+    errors, lower = np.full(point.size, np.nan), None
     run = chain.run(data, point)
     if run is None:
-        return errors
+        return errors, None
     J = chain.slopes(data, point, run, noise).T
     scale = np.linalg.norm(J, axis=0)
+    cells = read_cells(chain, data, point)
     used = scale > 0.0  # a relay's threshold moves within its cell without any change
     R = np.linalg.qr(J[:, used] / scale[used], mode="r")
+    variance = cost / max(J.shape[0] - point.size, 1)
     if np.abs(np.diag(R)).min(initial=1.0) > DEPENDENT:
-        spread = np.linalg.norm(np.linalg.inv(R), axis=1)
-        variance = cost / max(J.shape[0] - point.size, 1)
-        errors[used] = spread * np.sqrt(variance) / scale[used]
+        inverse = np.linalg.inv(R) / scale[used, np.newaxis]
+        covariance = np.full((point.size, point.size), np.nan)
+        covariance[np.ix_(used, used)] = variance * inverse @ inverse.T
+        errors = np.sqrt(np.diag(covariance))
+        if closely and cells is None:
+            profile = Profile(chain, data, noise, Minimum(point, cost, True), variance, covariance)
+            errors, lower = profile.standard_errors(_own(chain, data)), profile.lower
         errors = errors_over_minima(chain, data, point, noise, cost, variance, errors)
-    cells = read_cells(chain, data, point)
+    else:  # some are known only together, the others as well as ever
+        rows = [slice(0, J.shape[0])]
+        told = plain_errors(J[:, used], chain.error(data, run, noise), rows, WHITE)
+        errors[used] = np.where(np.isfinite(told), told, np.nan)
     if cells is not None:
-        errors *= cells.widening(point.size)
+        errors *= cells.widening(point.size, np.sqrt(variance))
         errors[chain.places(data)[-1].start] = cells.step_error
-    return errors
+    return errors, lower
+
+
+def _own(chain: Chain, data: Data) -> Mask:
+    """Tell which unknowns a reader sees and the output follows smoothly: no starts, no thresholds."""
+    own = np.ones(chain.size(data), dtype=bool)
+    own[2 * chain.order + int(chain.constant) : chain.n_linear(data)] = False
+    return own & chain.smooth(data)
+
+
+def widened_by_memory(chain: Chain, data: Data, point: Floats, noise: Floats) -> Floats:
+    """Return by how much a fit that took coloured noise for white knows each unknown less well."""
+    run = chain.run(data, point)
+    if run is None:
+        return np.ones(point.size)
+    J = chain.slopes(data, point, run, WHITE).T
+    residual = (run.y - data.y)[data.used]
+    kept = np.concatenate([[0], np.cumsum(data.used)])
+    edges = kept[data.begin].tolist()
+    runs = [slice(first, end) for first, end in itertools.pairwise(edges) if end > first]
+    coloured, white = (plain_errors(J, residual, runs, d) for d in (noise, WHITE))
+    known = np.isfinite(white) & (white > 0.0)
+    return np.where(known, coloured / np.where(known, white, 1.0), 1.0)
 
 
 def equation_text(order: int, constant: bool, point: Floats, choices: Sequence[Choice]) -> str:

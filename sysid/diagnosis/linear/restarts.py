@@ -1,6 +1,6 @@
-"""Searches of a linear model from moved poles: does another end at the least cost."""
+"""Searches of a linear model from other poles: does another end at the least cost."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -9,11 +9,15 @@ from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.levenberg import Minimum, minimise
 from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.structures.structure import WHITE
+from sysid.linear.forms import Complexes
 
 # Searches agree when their root mean square errors differ by this share.
 AGREEMENT = 1e-3
 # Searches of a round, and standard deviations of the logarithm by which time constants are stretched.
 RESTARTS, SPREADS, RESTART_SEED = 12, (0.4, 0.15, 0.05), 3
+# Where a real pole is tried instead of another, and radius and angle of pairs.
+REAL_POLES = (-0.5, 0.3, 0.7, 0.9, 0.97)
+PAIRS = ((0.5, 0.5), (0.8, 0.2), (0.8, 0.8), (0.8, 2.0))
 
 
 def restarted(chain: Chain, data: Data, best: Minimum) -> tuple[Minimum, bool]:
@@ -40,11 +44,29 @@ def _from_moved_poles(
     stretch = np.exp(spread * rng.standard_normal(n))
     stretch = np.where(poles.imag != 0.0, stretch[0], stretch)
     moved = np.exp(np.log(np.where(poles == 0.0, 1e-6, poles)) * stretch)
-    start = point.copy()
-    start[:n] = np.real(np.poly(moved))[1:]
+    return from_poles(chain, data, point, moved, WHITE)
+
+
+def from_poles(chain: Chain, data: Data, point: Floats, poles: Complexes, noise: Floats) -> Minimum | None:
+    """Search from a point with other poles, the other parameters first; None if that diverges."""
+    n, start = chain.order, point.copy()
+    start[:n] = np.real(np.poly(poles))[1:]
     linear = np.arange(start.size) >= n
-    end = minimise(chain, data, start, WHITE, free=linear, iterations=2)
-    return None if end is None else minimise(chain, data, end.point, WHITE)
+    end = minimise(chain, data, start, noise, free=linear, iterations=2)
+    return None if end is None else minimise(chain, data, end.point, noise)
+
+
+def exchanged_poles(point: Floats, order: int) -> Iterator[Complexes]:
+    """Yield the poles of a point with a real one, or a conjugate pair, in other places."""
+    poles = np.roots(np.concatenate([[1.0], point[:order]])).astype(complex)
+    for i in np.flatnonzero(poles.imag == 0.0).tolist():
+        for place in REAL_POLES:
+            yield np.append(np.delete(poles, i), place)
+    for i in np.flatnonzero(poles.imag > 0.0).tolist():
+        rest = np.delete(poles, [i, int(np.argmin(np.abs(poles - poles[i].conj())))])
+        for radius, angle in PAIRS:
+            pole = radius * np.exp(1j * angle)
+            yield np.append(rest, [pole, pole.conj()])
 
 
 def _found_again(ends: Sequence[Minimum]) -> bool:

@@ -236,6 +236,7 @@ class EffectSearch:
         """Narrow down the shapes of a map that jumps around the leaders of the grid."""
         ends: list[Minimum] = []
         fine = effort is Effort.FINE
+        levels = self._levels(leaders) if fine else np.empty(0)
         for leader in leaders:
             narrowing = Narrowing(
                 leader, self.shapes, self.grids, self._with_shapes_held, self._cells(leader.point)
@@ -244,6 +245,8 @@ class EffectSearch:
                 if number and ends and narrowing.best.cost > FAR * ends[0].cost:
                     break  # what is left to narrow down brings it nowhere near the best
                 narrowing.sweep(FINE_SECTIONS if fine else COARSE_SECTIONS, fine)
+            if fine and levels.size:
+                narrowing.walk(levels)
             done = minimise(
                 self.chain, self.data, narrowing.best.point, self.noise, free=self.others,
                 iterations=FINE_ITERATIONS if fine else COARSE_ITERATIONS,
@@ -251,14 +254,24 @@ class EffectSearch:
             ends = _ranked([*ends, narrowing.best if done is None else done])
         return ends
 
+    def _levels(self, leaders: list[Minimum]) -> Floats:
+        """Return the sizes that a jumping map of the input is given, in rising order; none of other maps."""
+        if self.chain.choices[-1].effect.port != "input" or not leaders:
+            return np.empty(0)
+        return np.unique(np.abs(self._before(leaders[0].point)))
+
+    def _before(self, point: Floats) -> Floats:
+        """Return what the last effect is given, where that is a map of the input."""
+        chain = self.chain
+        plain = Chain(chain.order, chain.choices[:-1], chain.constant, chain.free_start)
+        return plain.mapped(self.data, point)
+
     def _cells(self, point: Floats) -> Callable[[Floats], bytes | None]:
         """Return what tells the cell of a map of the input: what it makes of it under given strengths."""
         apply = self.form.apply
         if self.chain.choices[-1].effect.port != "input" or apply is None:
             return lambda point: None
-        chain = self.chain
-        plain = Chain(chain.order, chain.choices[:-1], chain.constant, chain.free_start)
-        before = plain.mapped(self.data, point)
+        before = self._before(point)
         # With a strength of zero no shape would tell.
         strengths = np.where(point == 0.0, 1.0, point)
 

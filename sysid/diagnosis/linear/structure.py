@@ -14,12 +14,18 @@ from sysid.diagnosis.linear.chain import MOST_DRIVES, Chain, too_many_drives
 from sysid.diagnosis.linear.directions import directions_of
 from sysid.diagnosis.linear.free_run import free_run
 from sysid.diagnosis.linear.levenberg import Minimum, minimise
-from sysid.diagnosis.linear.parameters import equation_text, named_parameters, standard_errors
+from sysid.diagnosis.linear.parameters import (
+    equation_text,
+    named_parameters,
+    standard_errors,
+    widened_by_memory,
+)
 from sysid.diagnosis.linear.probes import probe_directions
 from sysid.diagnosis.linear.restarts import AGREEMENT, restarted
 from sysid.diagnosis.linear.rows import Data, data_of, for_search, on_record
 from sysid.diagnosis.linear.search import EffectSearch, Grid
 from sysid.diagnosis.linear.starts import further_starts
+from sysid.diagnosis.linear.thresholds import cells_around
 from sysid.diagnosis.structures.exercised import shows
 from sysid.diagnosis.structures.memory import Fits, Memory
 from sysid.diagnosis.structures.sides import with_forms_of
@@ -200,6 +206,8 @@ class LinearStructure:
                 break
         if minimum is None:
             return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status="it diverges")
+        if not new and not np.array_equal(rows, start.rows):
+            minimum = cells_around(chain, data, minimum, noise)
         if effort != 1:  # a ranking can do without
             minimum = within_cells(chain, data, minimum, noise)
         end = "the search came to rest" if minimum.converged else "the search was still moving"
@@ -238,21 +246,27 @@ class LinearStructure:
 
     def _polished(self, chain: Chain, data: Data, point: Floats, noise: Floats) -> Minimum | None:
         """Minimise over all that the output follows smoothly."""
-        places = chain.places(data)
-        held = [
-            place.start + i
-            for place, choice in zip(places, chain.choices, strict=True)
-            if not choice.form.smooth
-            for i in choice.form.shapes
-        ]
-        free = np.ones(point.size, dtype=bool)
-        free[held] = False
-        return minimise(chain, data, point, noise, free=free, iterations=40)
+        return minimise(chain, data, point, noise, free=chain.smooth(data), iterations=40)
 
-    def finish(self, fit: StructureFit, noise: Floats) -> StructureFit:
-        """Return a fit with standard errors of its parameters filled in."""
+    def finish(
+        self, fit: StructureFit, noise: Floats, *, plain: bool = False, closely: bool = False
+    ) -> StructureFit:
+        """Return a fit with standard errors of its parameters filled in.
+
+        A close look may meet a model that is far more likely, which then takes its place.
+        """
         data, chain = self.data(fit.rows), self.chain(fit.choices)
-        errors = standard_errors(chain, data, fit.point, noise, fit.cost)
+        weight = WHITE if plain else noise
+        errors, lower = standard_errors(chain, data, fit.point, weight, fit.cost, closely=closely)
+        if lower is not None:
+            minimum = self._polished(chain, data, lower.point, weight)
+            if minimum is not None and minimum.cost < fit.cost:
+                moved = self._fitted(chain, data, fit.rows, minimum, False, fit.status)
+                if moved.usable:
+                    fit = moved
+                    errors, _ = standard_errors(chain, data, fit.point, weight, fit.cost, closely=True)
+        if plain and noise.size > 1:
+            errors *= widened_by_memory(chain, data, fit.point, noise)
         own = [*range(2 * self.order + int(chain.constant)), *range(chain.n_linear(data), fit.point.size)]
         parameters = tuple(
             replace(parameter, std_error=float(error))

@@ -7,6 +7,9 @@ import numpy as np
 from sysid._compile import compiled
 from sysid.diagnosis.effects.base import Floats
 
+# Element by element: for an assignment of whole rows numba compiles the words of an error about shapes, which
+# the first use after an installation would wait for.
+
 # What is left of a line outside those before it, as a share of its length, is rounding below this.
 ROUNDING = 1e-13
 
@@ -53,7 +56,9 @@ def triangle(lines: Floats, error: Floats) -> tuple[Floats, Floats]:
         for k in range(q.shape[0]):
             q[k] /= length
         if i + 1 < n:
-            R[i, i + 1 :] = np.dot(lines[i + 1 :], q)
+            shares = np.dot(lines[i + 1 :], q)
+            for j in range(i + 1, n):
+                R[i, j] = shares[j - i - 1]
         for j in range(i + 1, n):
             _take(R[i, j], q, lines[j])
         c[i] = np.dot(q, error)
@@ -83,10 +88,12 @@ def scaled_triangle(
         length = np.sqrt(np.dot(lines[i], lines[i]))
         if length == 0.0 or (held_low[i] and uphill < 0.0) or (held_high[i] and uphill > 0.0):
             lengths[i] = 1.0
-            lines[i] = 0.0
+            for k in range(lines.shape[1]):
+                lines[i, k] = 0.0
         else:
             lengths[i] = length
-            lines[i] /= length
+            for k in range(lines.shape[1]):
+                lines[i, k] /= length
     R, c = triangle(lines, error.copy())
     return R, c, lengths
 

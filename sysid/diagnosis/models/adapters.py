@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.data import Record
-from sysid.diagnosis.comparison.scores import finite
 from sysid.diagnosis.models.doubts import doubts
 from sysid.diagnosis.models.fitted_model import LINEAR, ParameterValue
 from sysid.diagnosis.wording import ordinal, quantity
+from sysid.result_files import finite
 
 if TYPE_CHECKING:
     from sysid.linear.selection import Candidate, Choice

@@ -5,13 +5,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sysid.data import Record
-from sysid.diagnosis.comparison.scores import finite
 from sysid.diagnosis.models.adapters import Refitted
 from sysid.diagnosis.models.doubts import doubts
 from sysid.diagnosis.models.fitted_model import ParameterValue
 from sysid.diagnosis.wording import ordinal
 from sysid.errors import UsageError
 from sysid.linear import HammersteinFit, StateSpaceFit, choose_output_error, fit_hammerstein, fit_state_space
+from sysid.result_files import finite
 
 if TYPE_CHECKING:
     from sysid.linear.selection import Candidate

@@ -5,9 +5,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sysid.diagnosis.comparison.scores import finite
 from sysid.diagnosis.wording import NORMAL_95
 from sysid.linear.forms import Floats
+from sysid.result_files import finite
 
 GRID = 200
 DENSITY_CELLS = 40

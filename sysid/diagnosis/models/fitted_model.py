@@ -152,6 +152,15 @@ class MapView(CurveView, Protocol):
 
 
 @runtime_checkable
+class Known(Protocol):
+    """A model whose parameters are not fitted to the record: all of its rows are held out."""
+
+    @property
+    def fitted_on(self) -> str:
+        """What it was fitted on, as a table of scores says it."""
+
+
+@runtime_checkable
 class Mapped(Protocol):
     """A fitted model that shows maps of its own."""
 

@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data import Record
-from sysid.diagnosis.comparison.residuals import CorrelationTest, whiteness
-from sysid.diagnosis.comparison.scores import finite
 from sysid.diagnosis.models.adapters import Refitted
 from sysid.diagnosis.models.doubts import doubts
 from sysid.diagnosis.models.fitted_map import GRID, INNER, FittedMap, density_on, inner_range
 from sysid.diagnosis.models.fitted_model import ParameterValue
+from sysid.diagnosis.residuals import CorrelationTest, whiteness
 from sysid.diagnosis.wording import percent, quantity
 from sysid.lft.choice import LftChoice, choose_lft
 from sysid.lft.model import LftFit
 from sysid.lft.signals import signals_of
 from sysid.lft.structure import LftStructure, at, lag_name
 from sysid.linear.simulation import Prediction
+from sysid.result_files import finite
 
 if TYPE_CHECKING:
     from sysid.linear.selection import Candidate

@@ -5,13 +5,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sysid.data import Record
-from sysid.diagnosis.comparison.scores import finite
 from sysid.diagnosis.models.adapters import Refitted
 from sysid.diagnosis.models.doubts import doubts
 from sysid.diagnosis.models.fitted_model import ParameterValue
 from sysid.diagnosis.wording import ordinal, percent
 from sysid.errors import UsageError
 from sysid.local_linear import LocalLinearFit, choose_local_linear
+from sysid.result_files import finite
 
 if TYPE_CHECKING:
     from sysid.linear.selection import Candidate

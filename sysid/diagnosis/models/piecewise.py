@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from sysid.data import Record
 from sysid.data.record import Mask
-from sysid.diagnosis.comparison.scores import finite
 from sysid.diagnosis.models.fitted_model import ParameterValue
 from sysid.errors import DataError, ModelError, SysidError, UsageError
 from sysid.lft.alternating import fit_alternating
@@ -19,6 +18,7 @@ from sysid.lft.piecewise import PiecewiseLft, PiecewiseStructure
 from sysid.lft.piecewise_files import to_json
 from sysid.linear.simulation import Prediction
 from sysid.nonlinearities.piecewise_affine import BoundedError, GlobalSearch, KPlane, Stage
+from sysid.result_files import finite
 
 if TYPE_CHECKING:
     from sysid.linear.selection import Candidate

@@ -1,6 +1,7 @@
 """Which models can be compared, and how they are fitted."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,23 +11,25 @@ from sysid.diagnosis.models.fitted_model import LINEAR, FittedModel
 from sysid.errors import UsageError
 
 if TYPE_CHECKING:
+    from sysid.diagnosis.export.saved import Saved
+    from sysid.diagnosis.models.known_model import KnownModel
     from sysid.physics import Model, Starts
 
 
 def resolve_model(
-    model: "str | Path | Model",
+    model: "str | Path | Model | Saved",
     order: int | None = None,
     start: "Starts | None" = None,
     fixed: Mapping[str, float] | None = None,
-) -> "Model | str | None":
-    """Return a physical model with start and known values, None for the linear one, or another's name.
+) -> "Model | KnownModel | str | None":
+    """Return a physical model with start and known values, a saved one, None for linear, or another's name.
 
     Parameters
     ----------
-    model : str, Path or Model
+    model : str, Path, Model, SavedModel or SavedPhysicalModel
         ``"linear"``, ``"state-space"``, ``"hammerstein-..."`` with the name of a map,
         ``"hammerstein"``, ``"wiener"``, ``"wiener-hammerstein"``, ``"lft"``, ``"piecewise-affine"``,
-        ``"local-linear"``, the name of a physical model, a TOML file, or a model.
+        ``"local-linear"``, the name of a physical model, a TOML file, a saved model, or a model.
     order : int, optional
     start, fixed : mapping of str to float, optional
 
@@ -49,6 +52,10 @@ def resolve_model(
                 "are found without start values, so leave it out or choose a physical model"
             )
         return None if model == LINEAR else model
+    if (taken := known_model(model)) is not None:
+        if given := [*(start or {}), *(fixed or {}), *(["order"] if order is not None else [])]:
+            raise UsageError(f"{taken.name} is a saved model with values of its own: leave {given[0]!r} out")
+        return taken
     if isinstance(model, Model):
         found = model
     else:
@@ -68,6 +75,20 @@ def resolve_model(
     return found.with_parameters(start, fixed)
 
 
+def known_model(model: object) -> "KnownModel | None":
+    """Return a saved model, if a file or an object is one."""
+    if isinstance(model, str | Path) and Path(model).suffix not in (".json", ".toml"):
+        return None
+    from sysid.diagnosis.export.saved import Saved, is_saved, load
+    from sysid.diagnosis.models.known_model import KnownModel
+
+    if isinstance(model, Saved):
+        return KnownModel(model, "in memory")
+    if isinstance(model, str | Path) and is_saved(model):
+        return KnownModel(load(model), Path(model).name)
+    return None
+
+
 def _black_boxes(model: str | Path) -> tuple[str, ...]:
     """Return the names of models without physics but the linear one, without loading them for others."""
     if str(model).startswith("local-linear"):
@@ -83,7 +104,7 @@ def _black_boxes(model: str | Path) -> tuple[str, ...]:
 
 def fit_model(
     record: Record,
-    model: "Model | str | None",
+    model: "Model | KnownModel | str | None",
     order: int | None = None,
     *,
     delay: int | None = None,
@@ -91,14 +112,19 @@ def fit_model(
     initial_state: str = "estimate",
     progress: Callable[[int, int], None] | None = None,
 ) -> FittedModel:
-    """Fit a physical model, or choose and fit a linear one (None).
+    """Fit a physical model, choose and fit a linear one (None), or take a saved one as it is.
 
     A physical model is searched on the estimation rows from many starts; the refit with the
     validation rows goes on from there.
     """
     from sysid.diagnosis.models.adapters import LinearModel
+    from sysid.diagnosis.models.known_model import KnownModel
     from sysid.diagnosis.models.physical_fit import fit_physical
 
+    if isinstance(model, KnownModel):
+        if delay is not None or constant is not None:
+            raise UsageError(f"{model.name} is a saved model: it takes neither a delay nor a constant")
+        return replace(model, initial_state=initial_state)
     if model is None:
         from sysid.linear.selection import choose_output_error
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.data import Record
-from sysid.diagnosis.comparison.scores import finite
 from sysid.diagnosis.models.adapters import Refitted
 from sysid.diagnosis.models.doubts import doubts
 from sysid.diagnosis.models.fitted_map import GRID, INNER, FittedMap, density_on, inner_range
@@ -19,6 +18,7 @@ from sysid.lft.wiener_hammerstein.files import to_json
 from sysid.lft.wiener_hammerstein.result import WienerHammersteinFit
 from sysid.linear.forms import Floats
 from sysid.linear.simulation import Prediction
+from sysid.result_files import finite
 
 if TYPE_CHECKING:
     from sysid.linear.selection import Candidate

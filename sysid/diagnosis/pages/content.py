@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from math import isfinite, pi
 from typing import TYPE_CHECKING
 
-from sysid.diagnosis.comparison.residuals import CorrelationTest
-from sysid.diagnosis.comparison.summary import spoken
+from sysid.diagnosis.comparison.summary import sentences, spoken
+from sysid.diagnosis.residuals import CorrelationTest
 from sysid.diagnosis.wording import interval_text, percent, quantity, significant
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.comparison.comparison import Comparison
+    from sysid.diagnosis.comparison.judgement import Judgement
     from sysid.diagnosis.comparison.scores import SetScore
     from sysid.diagnosis.pages.drawing import Picture
 
@@ -56,12 +56,12 @@ class Content:
     sections: tuple[Section, ...]
 
 
-def content_of(comparison: "Comparison") -> Content:
+def content_of(comparison: "Judgement") -> Content:
     """Return what is shown of a comparison.
 
     Parameters
     ----------
-    comparison : Comparison
+    comparison : Judgement
     """
     from sysid.diagnosis.pages.figures import pictures
 
@@ -101,12 +101,12 @@ def content_of(comparison: "Comparison") -> Content:
     return Content(
         f"{record.name}: {model.title}",
         comparison.judged,
-        tuple(comparison.sentences()),
+        tuple(sentences(comparison)),
         tuple(s for s in sections if s.paragraphs or s.items or s.tables or s.pictures or s.facts),
     )
 
 
-def _scores(comparison: "Comparison") -> Table:
+def _scores(comparison: "Judgement") -> Table:
     columns = ("rows", ">samples", ">RMSE", ">NRMSE", ">95 % interval", ">fit", ">VAF", ">one-step RMSE")
     return Table(
         "Free-run errors; the last column is the error of a one-step prediction, for comparison.",
@@ -129,7 +129,7 @@ def _score_row(entry: "SetScore") -> tuple[str, ...]:
     )
 
 
-def _score_notes(comparison: "Comparison") -> tuple[str, ...]:
+def _score_notes(comparison: "Judgement") -> tuple[str, ...]:
     notes = [
         f"{entry.name}: model fitted on {entry.fitted_on}, initial state {entry.initial_state}."
         for entry in comparison.scores
@@ -140,7 +140,7 @@ def _score_notes(comparison: "Comparison") -> tuple[str, ...]:
     )
 
 
-def _where_paragraphs(comparison: "Comparison") -> tuple[str, ...]:
+def _where_paragraphs(comparison: "Judgement") -> tuple[str, ...]:
     if not comparison.location.shares:
         return ()
     return (
@@ -150,7 +150,7 @@ def _where_paragraphs(comparison: "Comparison") -> tuple[str, ...]:
     )
 
 
-def _findings(comparison: "Comparison") -> tuple[Table, ...]:
+def _findings(comparison: "Judgement") -> tuple[Table, ...]:
     if not comparison.where:
         return ()
     rows = tuple(
@@ -171,7 +171,7 @@ def _probability(p_value: float) -> str:
     return f"{p_value:.2g}" if p_value >= 1e-4 else "< 0.0001"
 
 
-def _tests(comparison: "Comparison") -> tuple[Table, ...]:
+def _tests(comparison: "Judgement") -> tuple[Table, ...]:
     rows = tuple(_test_row(name, test) for name, test in comparison.tests.items())
     columns = ("what is tested", ">largest correlation", ">99 % band", ">lag", ">p", "verdict")
     return (Table("Tests of the residual; a band holds each correlation with 99 %.", columns, rows),)
@@ -197,7 +197,7 @@ def _test_row(name: str, test: CorrelationTest) -> tuple[str, ...]:
     )
 
 
-def _model_tables(comparison: "Comparison") -> tuple[Table, ...]:
+def _model_tables(comparison: "Judgement") -> tuple[Table, ...]:
     model = comparison.model
     rows = tuple(
         (
@@ -243,7 +243,7 @@ def _pole(pole: complex, period: float) -> tuple[str, str]:
     return value, meaning
 
 
-def _provenance(comparison: "Comparison") -> list[tuple[str, str]]:
+def _provenance(comparison: "Judgement") -> list[tuple[str, str]]:
     import platform
     from importlib.metadata import PackageNotFoundError, version
 

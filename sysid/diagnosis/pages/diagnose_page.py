@@ -17,37 +17,17 @@ from sysid.diagnosis.pages.drawing import (
 )
 from sysid.diagnosis.pages.figures import port_pictures
 from sysid.diagnosis.pages.figures_run import seconds_of
+from sysid.diagnosis.pages.report_words import sentences
 from sysid.diagnosis.wording import percent, plus_minus, quantity, significant
 from sysid.reporting.style import COLOURS, style, svg
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from sysid.diagnosis.diagnose import Diagnosis
+    from sysid.diagnosis.outcome import Outcome
 
 SHOWN_CANDIDATES = 12
 
 
-def to_html(diagnosis: "Diagnosis") -> str:
-    """Return the page as one self-contained HTML text."""
-    from sysid.diagnosis.pages.page import render
-
-    return render(content_of(diagnosis))
-
-
-def to_pdf(diagnosis: "Diagnosis", path: "Path") -> None:
-    """Write the same content as PDF."""
-    from sysid.diagnosis.pages.document import render_pdf
-    from sysid.errors import UsageError
-
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(render_pdf(content_of(diagnosis)))
-    except OSError as problem:
-        raise UsageError(f"{path} cannot be written ({problem.strerror}): choose another place") from None
-
-
-def content_of(diagnosis: "Diagnosis") -> Content:
+def content_of(diagnosis: "Outcome") -> Content:
     """Return what is shown of a diagnosis."""
     judged = diagnosis.judged
     final = diagnosis.final
@@ -75,12 +55,12 @@ def content_of(diagnosis: "Diagnosis") -> Content:
     return Content(
         title=f"{diagnosis.record.name}: what the model {diagnosis.structure.name!r} lacks",
         judged=judged,
-        sentences=tuple(diagnosis.sentences()),
+        sentences=tuple(sentences(diagnosis)),
         sections=tuple(s for s in sections if s.paragraphs or s.items or s.tables or s.pictures),
     )
 
 
-def _ladder_table(diagnosis: "Diagnosis", judged: str) -> Table:
+def _ladder_table(diagnosis: "Outcome", judged: str) -> Table:
     unit = diagnosis.record.unit(diagnosis.record.outputs[0])
     rows = []
     for rung in diagnosis.ladder:
@@ -99,8 +79,8 @@ def _ladder_table(diagnosis: "Diagnosis", judged: str) -> Table:
     return Table(f"Free run on {judged}; the last column on the validation rows.", columns, tuple(rows))
 
 
-def _candidates(diagnosis: "Diagnosis") -> Table:
-    entries = diagnosis.to_json()["ranked"][:SHOWN_CANDIDATES]
+def _candidates(diagnosis: "Outcome") -> Table:
+    entries = diagnosis.ranked()[:SHOWN_CANDIDATES]
     rows = tuple(
         (
             entry["effect"],
@@ -117,7 +97,7 @@ def _candidates(diagnosis: "Diagnosis") -> Table:
     return Table("Best first.", ("effect", ">p-value", ">criterion", ">NRMSE", "parameters"), rows)
 
 
-def _parameters(diagnosis: "Diagnosis") -> Table:
+def _parameters(diagnosis: "Outcome") -> Table:
     rows = tuple(
         (
             f"{p.owner}: {p.name}" if p.owner else p.name,
@@ -134,7 +114,7 @@ def _number(value: float | None, words: Any) -> str:
     return "" if value is None else str(words(value))
 
 
-def _ladder_picture(diagnosis: "Diagnosis", judged: str) -> Picture:
+def _ladder_picture(diagnosis: "Outcome", judged: str) -> Picture:
     with style():
         wide, narrow = (svg(_draw(diagnosis, judged, width)) for width in (WIDE, NARROW))
     first, last = (rung.scores[judged]["rmse"] or 0.0 for rung in (diagnosis.ladder[0], diagnosis.ladder[-1]))
@@ -143,14 +123,14 @@ def _ladder_picture(diagnosis: "Diagnosis", judged: str) -> Picture:
     return Picture("Free-run error, rung by rung", reading, wide, narrow)
 
 
-def _runs_picture(diagnosis: "Diagnosis") -> Picture:
+def _runs_picture(diagnosis: "Outcome") -> Picture:
     with style():
         wide, narrow = (svg(_draw_runs(diagnosis, width)) for width in (WIDE, NARROW))
     reading = "Below, what each free run misses; a fall to the noise leaves a band without a pattern."
     return Picture(f"Measured and modelled on {diagnosis.judged}", reading, wide, narrow)
 
 
-def _draw_runs(diagnosis: "Diagnosis", width: float) -> Any:
+def _draw_runs(diagnosis: "Outcome", width: float) -> Any:
     from matplotlib.figure import Figure
 
     record, judged = diagnosis.record, diagnosis.judged
@@ -184,7 +164,7 @@ def _line(t: Any, values: Any) -> tuple[Any, Any]:
     return np.repeat(places, 2), np.column_stack([low, high]).ravel()
 
 
-def _draw(diagnosis: "Diagnosis", judged: str, width: float) -> Any:
+def _draw(diagnosis: "Outcome", judged: str, width: float) -> Any:
     from matplotlib.figure import Figure
 
     names = [rung.effect or "baseline" for rung in diagnosis.ladder]

@@ -19,11 +19,11 @@ from sysid.diagnosis.pages.figures_where import (
 )
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.comparison.comparison import Comparison
+    from sysid.diagnosis.comparison.judgement import Judgement
     from sysid.diagnosis.models.fitted_model import FittedModel, PortView
 
 
-def pictures(comparison: "Comparison") -> dict[str, list[Picture]]:
+def pictures(comparison: "Judgement") -> dict[str, list[Picture]]:
     """Draw all figures of the page, by section."""
     found: dict[str, list[Picture]] = {
         "run": [_picture(comparison, overview, 4.3), _picture(comparison, worst_stretch, 4.6)],
@@ -49,8 +49,8 @@ def pictures(comparison: "Comparison") -> dict[str, list[Picture]]:
 
 def port_pictures(ports: "tuple[PortView, ...]") -> list[Picture]:
     """Draw the free-form curves, if there are any."""
+    from sysid.diagnosis.pages.figures_ports import ports_picture
     from sysid.diagnosis.ports import PortCurve
-    from sysid.diagnosis.ports.figures import ports_picture
 
     curves = [port for port in ports if isinstance(port, PortCurve) and port.value.size]
     return [ports_picture(curves)] if curves else []
@@ -58,7 +58,7 @@ def port_pictures(ports: "tuple[PortView, ...]") -> list[Picture]:
 
 def map_pictures(model: "FittedModel") -> list[Picture]:
     """Draw the maps that are part of the model, if there are any."""
-    from sysid.diagnosis.ports.figures import map_figure
+    from sysid.diagnosis.pages.figures_ports import map_figure
 
     if not isinstance(model, Mapped):
         return []
@@ -72,8 +72,8 @@ def block_pictures(model: "FittedModel") -> list[Picture]:
     return [drawn_picture(partial(blocks_figure, model.responses()))]
 
 
-Drawer = Callable[["Comparison", float, float], tuple[Any, str, str]]
+Drawer = Callable[["Judgement", float, float], tuple[Any, str, str]]
 
 
-def _picture(comparison: "Comparison", draw: Drawer, height: float) -> Picture:
+def _picture(comparison: "Judgement", draw: Drawer, height: float) -> Picture:
     return drawn_picture(lambda width: draw(comparison, width, height))

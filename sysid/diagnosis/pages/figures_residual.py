@@ -10,7 +10,7 @@ from sysid.diagnosis.wording import ordinal, quantity
 from sysid.reporting.style import COLOURS, GREY, MARKERS, series, subplots
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.comparison.comparison import Comparison
+    from sysid.diagnosis.comparison.judgement import Judgement
     from sysid.linear.forms import Floats
 
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 MOST_BESIDE = 2
 
 
-def spectrum(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
+def spectrum(comparison: "Judgement", width: float, height: float) -> tuple[Any, str, str]:
     """Draw the spectra of measurement and error."""
     record, rows = comparison.record, scored_places(comparison)
     y = record.y[rows, 0]
@@ -90,7 +90,7 @@ def power_density(values: "Floats", period: float, length: int) -> tuple["Floats
     return np.asarray(np.fft.rfftfreq(length, period), dtype=np.float64), power
 
 
-def correlations(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
+def correlations(comparison: "Judgement", width: float, height: float) -> tuple[Any, str, str]:
     """Draw residual auto- and cross-correlations with their bands."""
     inputs = comparison.record.inputs
     tests = list(comparison.tests.items())[: 1 + len(inputs)]
@@ -126,7 +126,7 @@ def correlations(comparison: "Comparison", width: float, height: float) -> tuple
     return figure, "Correlation of the residual with itself and with the input", reading
 
 
-def orders(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
+def orders(comparison: "Judgement", width: float, height: float) -> tuple[Any, str, str]:
     """Draw the validation error of every structure tried."""
     record, candidates = comparison.record, comparison.model.candidates
     figure, axes = subplots(width=width, height=height)

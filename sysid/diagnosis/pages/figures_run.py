@@ -11,13 +11,13 @@ from sysid.diagnosis.wording import quantity, significant
 from sysid.reporting.style import COLOURS, GREY, LINE_STYLES, subplots
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.comparison.comparison import Comparison
+    from sysid.diagnosis.comparison.judgement import Judgement
     from sysid.linear.forms import Floats
 
 ZOOMED_ROWS = 250
 
 
-def overview(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
+def overview(comparison: "Judgement", width: float, height: float) -> tuple[Any, str, str]:
     """Draw measurement and model over the whole judged set, and the error below."""
     record, rows = comparison.record, _span(comparison)
     t, output = seconds_of(comparison.record, rows), comparison.record.outputs[0]
@@ -43,7 +43,7 @@ def overview(comparison: "Comparison", width: float, height: float) -> tuple[Any
     )
 
 
-def worst_stretch(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
+def worst_stretch(comparison: "Judgement", width: float, height: float) -> tuple[Any, str, str]:
     """Draw measurement, model and input where the error is largest."""
     record = comparison.record
     rows = worst_rows(comparison)
@@ -62,7 +62,7 @@ def worst_stretch(comparison: "Comparison", width: float, height: float) -> tupl
     return figure, f"The worst stretch of {comparison.judged}, with the input", reading
 
 
-def draw_with_input(comparison: "Comparison", axes: tuple[Any, Any], rows: Any) -> None:
+def draw_with_input(comparison: "Judgement", axes: tuple[Any, Any], rows: Any) -> None:
     """Draw measurement and model above, the inputs below."""
     record, (top, bottom) = comparison.record, axes
     t = seconds_of(record, rows)
@@ -75,7 +75,7 @@ def draw_with_input(comparison: "Comparison", axes: tuple[Any, Any], rows: Any) 
     bottom.set_xlabel("time [s]")
 
 
-def scored_places(comparison: "Comparison") -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
+def scored_places(comparison: "Judgement") -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
     """Return the scored rows of the judged set."""
     record = comparison.record
     if comparison.judged == "validation":
@@ -83,7 +83,7 @@ def scored_places(comparison: "Comparison") -> "np.ndarray[tuple[int], np.dtype[
     return np.flatnonzero(record.scored_rows(comparison.judged))
 
 
-def _span(comparison: "Comparison") -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
+def _span(comparison: "Judgement") -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
     """Return the rows of the judged set in its first experiment, those that are skipped included."""
     record = comparison.record
     rows = scored_places(comparison)
@@ -100,7 +100,7 @@ def seconds_of(record: Any, rows: Any) -> "Floats":
     return np.asarray((np.asarray(rows) - origin) * record.period)
 
 
-def _mark_skip(comparison: "Comparison", rows: Any, axes: Sequence[Any], t: "Floats") -> None:
+def _mark_skip(comparison: "Judgement", rows: Any, axes: Sequence[Any], t: "Floats") -> None:
     skip = comparison.score_of(comparison.judged).skip
     if skip > 0:
         for one in axes:
@@ -108,7 +108,7 @@ def _mark_skip(comparison: "Comparison", rows: Any, axes: Sequence[Any], t: "Flo
 
 
 def worst_rows(
-    comparison: "Comparison", within: "np.ndarray[tuple[int], np.dtype[np.int64]] | None" = None
+    comparison: "Judgement", within: "np.ndarray[tuple[int], np.dtype[np.int64]] | None" = None
 ) -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
     """Return the consecutive rows in which the mean squared error is largest."""
     if within is None:
@@ -124,7 +124,7 @@ def worst_rows(
 
 def _zoom_length(error: "Floats") -> int:
     """Return how many rows show some swings of the error: a few of its correlation times."""
-    from sysid.diagnosis.comparison.scores import block_length
+    from sysid.diagnosis.residuals import block_length
 
     wanted = max(ZOOMED_ROWS, 3 * block_length(np.nan_to_num(error) ** 2))
     return int(min(wanted, max(error.size // 4, min(60, error.size)), error.size))

@@ -4,16 +4,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.diagnosis.comparison.residuals import BAND
 from sysid.diagnosis.comparison.surrogates import newly_arising
 from sysid.diagnosis.comparison.where import LEVEL, Finding, Share
 from sysid.diagnosis.pages.drawing import NARROW, axis_label, legend, plain
 from sysid.diagnosis.pages.figures_run import draw_with_input, worst_rows
+from sysid.diagnosis.residuals import BAND
 from sysid.diagnosis.wording import percent, quantity, significant
 from sysid.reporting.style import COLOURS, GREY, subplots
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.comparison.comparison import Comparison
+    from sysid.diagnosis.comparison.judgement import Judgement
     from sysid.linear.forms import Floats
 
 PANEL_HEIGHT = 2.15
@@ -21,7 +21,7 @@ CURVE_BINS = 24
 LIGHT, DARK = "#dddddd", "#a9a9a9"
 
 
-def shares(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
+def shares(comparison: "Judgement", width: float, height: float) -> tuple[Any, str, str]:
     """Draw the share of the squared error in each region beside the share of the data."""
     panels = comparison.location.shares
     figure, grid = _grid(len(panels), width)
@@ -113,7 +113,7 @@ def _named_bars(axes: Any, name: str, bars: tuple[Share, ...]) -> None:
     axes.set_xlabel("experiment" if name == "experiment" else "sign of the velocity")
 
 
-def _level_bars(axes: Any, comparison: "Comparison", name: str, bars: tuple[Share, ...]) -> None:
+def _level_bars(axes: Any, comparison: "Judgement", name: str, bars: tuple[Share, ...]) -> None:
     low, high, label = _extent(comparison, name)
     for number, bar in enumerate(bars):
         place = bar.region.place
@@ -125,7 +125,7 @@ def _level_bars(axes: Any, comparison: "Comparison", name: str, bars: tuple[Shar
     axes.set_xlabel(label)
 
 
-def _extent(comparison: "Comparison", name: str) -> tuple[float, float, str]:
+def _extent(comparison: "Judgement", name: str) -> tuple[float, float, str]:
     """Return the range of a signal without its outermost values, and the label of its axis."""
     series, record = comparison.series, comparison.record
     if name == "time":
@@ -142,18 +142,18 @@ def _extent(comparison: "Comparison", name: str) -> tuple[float, float, str]:
     return float(low), float(high), label
 
 
-def _velocity_label(comparison: "Comparison") -> str:
+def _velocity_label(comparison: "Judgement") -> str:
     unit = comparison.record.unit(comparison.record.outputs[0])
     return f"velocity of the model output [{plain(unit) or '1'}/s]"
 
 
-def _time_bounds(comparison: "Comparison", number: int, place: dict[str, Any]) -> tuple[float, float]:
+def _time_bounds(comparison: "Judgement", number: int, place: dict[str, Any]) -> tuple[float, float]:
     if np.ptp(comparison.series.experiment) > 0:
         return float(number), float(number + 1)
     return float(place["from_s"]), float(place["to_s"])
 
 
-def residual_curves(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
+def residual_curves(comparison: "Judgement", width: float, height: float) -> tuple[Any, str, str]:
     """Draw the residual against model output, velocity and input: its mean and spread level by level."""
     series = comparison.series
     signals = _signals(comparison)
@@ -179,7 +179,7 @@ def residual_curves(comparison: "Comparison", width: float, height: float) -> tu
     return figure, "Error (measurement less model) against output, velocity and input", reading
 
 
-def new_error_curves(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
+def new_error_curves(comparison: "Judgement", width: float, height: float) -> tuple[Any, str, str]:
     """Draw the mean of the newly arising error against output, velocity and input, with chance's band."""
     series = comparison.series
     innovations, places = newly_arising(series, series.mean_length)
@@ -206,7 +206,7 @@ def new_error_curves(comparison: "Comparison", width: float, height: float) -> t
     return figure, "Newly arising error against output, velocity and input", reading
 
 
-def _signals(comparison: "Comparison") -> list[tuple[str, "Floats"]]:
+def _signals(comparison: "Judgement") -> list[tuple[str, "Floats"]]:
     """Return what the error may depend on, with the label of its axis."""
     series, record = comparison.series, comparison.record
     signals = [
@@ -241,7 +241,7 @@ def binned(
     return middle, levels, mean, np.array([float(part.size) for part in parts])
 
 
-def worst_windows(comparison: "Comparison", width: float, height: float) -> tuple[Any, str, str]:
+def worst_windows(comparison: "Judgement", width: float, height: float) -> tuple[Any, str, str]:
     """Draw measurement, model and input in the windows found besides the worst stretch."""
     found = further_windows(comparison)
     columns = len(found) if width > NARROW else 1
@@ -268,7 +268,7 @@ def worst_windows(comparison: "Comparison", width: float, height: float) -> tupl
     )
 
 
-def further_windows(comparison: "Comparison") -> list[Finding]:
+def further_windows(comparison: "Judgement") -> list[Finding]:
     """Return up to two windows found that do not hold the worst stretch of all."""
     worst = worst_rows(comparison)
     return [

@@ -7,8 +7,8 @@ from sysid.diagnosis.decide.modes import MODE, rings
 
 if TYPE_CHECKING:
     from sysid.data import Record
-    from sysid.diagnosis.diagnose import Diagnosis
     from sysid.diagnosis.effects.base import Effect
+    from sysid.diagnosis.outcome import Outcome
 
 SLOW_PATH = (
     "Further dynamics beside the modelled ones that do not ring, such as a slow heat store or a second "
@@ -25,7 +25,7 @@ ELSEWHERE = {
 }
 
 
-def mechanism(effect: "Effect", diagnosis: "Diagnosis") -> str:
+def mechanism(effect: "Effect", diagnosis: "Outcome") -> str:
     """Return what happens, at least as a formula.
 
     A difference equation does not say what its output is: a sine of it is a force of gravity only if it is an

@@ -9,9 +9,9 @@ from sysid.diagnosis.pages.mechanism_words import mechanism
 from sysid.diagnosis.wording import NORMAL_95, percent, plus_minus, quantity, significant
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.diagnose import Diagnosis
     from sysid.diagnosis.effects.base import Effect
     from sysid.diagnosis.ladder import Rung
+    from sysid.diagnosis.outcome import Outcome
     from sysid.diagnosis.structures.structure import FittedParameter
 
 # The error grows if its rank correlation with time is so many standard deviations, and by this factor.
@@ -19,16 +19,18 @@ BLOCKS, ROWS_OF_BLOCK = 24, 8
 LEAST_TREND, LEAST_GROWTH = 3.3, 1.5
 # A model follows next to nothing of the output if its error has this share of its deviation.
 UNRELATED = 0.98
+# Half an interval of a coefficient of the denominator that leaves poles open: they lie within a unit circle.
+LOOSE_POLES = 0.5
 # A free run within this factor of the floor is down to it: both are estimates, from different rows.
 AT_FLOOR = 1.1
 
 
-def sentences(diagnosis: "Diagnosis") -> list[str]:
+def sentences(diagnosis: "Outcome") -> list[str]:
     """Return what was found, the main thing first."""
     record, ladder = diagnosis.record, diagnosis.ladder
     unit = record.unit(record.outputs[0])
     judged = diagnosis.judged
-    found = [_headline(diagnosis), *filter(None, [diagnosis.units])]
+    found = [_headline(diagnosis), *filter(None, [getattr(diagnosis.structure, "units", "")])]
     found += [f"{effect.name}: {mechanism(effect, diagnosis)}" for effect in _effects(diagnosis)]
     for rung in ladder:
         found.append(_rung(rung, judged, unit))
@@ -45,7 +47,7 @@ def sentences(diagnosis: "Diagnosis") -> list[str]:
     return found
 
 
-def _noise_floor(diagnosis: "Diagnosis", judged: str, unit: str) -> list[str]:
+def _noise_floor(diagnosis: "Outcome", judged: str, unit: str) -> list[str]:
     """Tell the floor, and whether the final model has come down to it.
 
     Where something is left that nothing explains, a quiet test set may still lie below the floor of the rows
@@ -60,10 +62,10 @@ def _noise_floor(diagnosis: "Diagnosis", judged: str, unit: str) -> list[str]:
     return [f"Noise floor: {quantity(floor, unit)} RMSE{'' if reached and unexplained else f'; {rest}'}."]
 
 
-def _loose(diagnosis: "Diagnosis") -> list[str]:
-    """Name the parameters of a physical model that the record leaves open."""
+def _loose(diagnosis: "Outcome") -> list[str]:
+    """Name the parameters of a model that the record leaves open."""
     if getattr(diagnosis.structure, "plant", None) is None:
-        return []
+        return _loose_poles(diagnosis)
     loose = [
         p.name
         for p in diagnosis.final.parameters
@@ -77,15 +79,28 @@ def _loose(diagnosis: "Diagnosis") -> list[str]:
     ]
 
 
-def _effects(diagnosis: "Diagnosis") -> "list[Effect]":
+def _loose_poles(diagnosis: "Outcome") -> list[str]:
+    """Say so where a record leaves the denominator of a linear model, and so its poles, open."""
+    poles = [p for p in diagnosis.final.parameters if not p.owner and p.name.startswith("a")]
+    if len(poles) < 2 or all(NORMAL_95 * p.std_error < LOOSE_POLES for p in poles):
+        return []
+    return [
+        f"The record does not tell all {len(poles)} poles: {poles[0].name} to {poles[-1].name} and the "
+        "coefficients of the input are known only together, each by itself within its wide interval. The "
+        "free run does not suffer; to read them, try a lower --order or an input of more frequencies."
+    ]
+
+
+def _effects(diagnosis: "Outcome") -> "list[Effect]":
     return [choice.effect for choice in diagnosis.final.fitted.choices]
 
 
-def _headline(diagnosis: "Diagnosis") -> str:
+def _headline(diagnosis: "Outcome") -> str:
     names = " and ".join(diagnosis.accepted)
     best = next((t for t in diagnosis.decision.trials if t.fit is not None), None)
     return {
-        "missing-effect": f"Missing in the model: {names or (best.name if best else '')}.",
+        "missing-effect": _beside_given(diagnosis)
+        or f"Missing in the model: {names or (best.name if best else '')}.",
         "nothing-missing": "Nothing is missing in the model.",
         "coloured-noise": "Nothing is missing in the model but a memory of the noise.",
         "unexplained": f"Missing in the model: {names}, or what resembles it, and something that no "
@@ -96,7 +111,19 @@ def _headline(diagnosis: "Diagnosis") -> str:
     }[diagnosis.verdict]
 
 
-def _unrelated(diagnosis: "Diagnosis") -> list[str]:
+def _beside_given(diagnosis: "Outcome") -> str:
+    """Return what is missing beside effects that were added whatever the evidence; empty without any."""
+    given = diagnosis.decision.given
+    if not given:
+        return ""
+    found = " and ".join(name for name in diagnosis.accepted if name not in given)
+    beside = " and ".join(given)
+    if found:
+        return f"Missing in the model with {beside}: {found}."
+    return f"With {beside}, which {'was' if len(given) == 1 else 'were'} given, nothing further is missing."
+
+
+def _unrelated(diagnosis: "Outcome") -> list[str]:
     """Say so where the final model follows next to nothing of the output that it was fitted to."""
     record = diagnosis.record
     rows = record.learning
@@ -109,7 +136,7 @@ def _unrelated(diagnosis: "Diagnosis") -> list[str]:
     ]
 
 
-def _own_constant(diagnosis: "Diagnosis") -> list[str]:
+def _own_constant(diagnosis: "Outcome") -> list[str]:
     """Say that a constant force needs no effect where the model has one."""
     plant = getattr(diagnosis.structure, "plant", None)
     name = plant.port.constant if plant is not None else ""
@@ -126,7 +153,7 @@ def _with_spread(parameter: "FittedParameter") -> str:
     return f"{parameter.name} = {' '.join(word for word in words if word)}"
 
 
-def _growing(diagnosis: "Diagnosis", judged: str, unit: str) -> list[str]:
+def _growing(diagnosis: "Outcome", judged: str, unit: str) -> list[str]:
     """Say so where the final model's error grows along a test set beyond chance."""
     record = diagnosis.record
     if judged == "validation":

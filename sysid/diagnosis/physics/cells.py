@@ -1,4 +1,6 @@
-"""Physical models behind a quantiser."""
+"""Physical models behind a quantiser, or behind a switch: what rows tell only to lie in a cell."""
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -7,6 +9,7 @@ from sysid.diagnosis.physics.evaluation import finite
 from sysid.diagnosis.physics.problem import Problem
 from sysid.diagnosis.structures.cells import QUANTISER, Cells, cells_of, inside_cells
 from sysid.diagnosis.structures.structure import WHITE
+from sysid.diagnosis.structures.thresholds import is_switched_by_input, middle_of_cell
 from sysid.separable.descent import Minimum, Residual
 
 
@@ -52,3 +55,21 @@ def within_cells(problem: Problem, end: Minimum[Residual]) -> Minimum[Residual]:
     start[problem.effect_places[-1].start] = cells.step
     better = problem.descend_if_finite(inside_cells(cells, output, slopes, start), 1, 0.0)
     return end if better is None or better.cost > end.cost else better
+
+
+def with_thresholds_between(problem: Problem, end: Minimum[Residual]) -> Minimum[Residual]:
+    """Return a minimum with the threshold of a switch in the middle of its cell, where nothing changes.
+
+    Only where the switch is the first map of the input, so that what it is given is the record's.
+    """
+    first = next((i for i, choice in enumerate(problem.choices) if choice.effect.port == "input"), None)
+    if first is None or not is_switched_by_input(problem.choices[first]):
+        return end
+    u = problem.setting.record.u
+    levels = np.unique(np.abs(np.concatenate([u[part, 0][problem.rows[part]] for part in problem.parts])))
+    x = end.x.copy()
+    for shape in problem.choices[first].form.shapes:
+        place = problem.effect_places[first].start + shape
+        x[place] = middle_of_cell(levels, float(x[place]))
+    moved = problem.residual(x)
+    return replace(end, x=x) if np.array_equal(moved, problem.residual(end.x)) else end

@@ -1,20 +1,34 @@
 """A problem as a search evaluates it."""
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
 from sysid.separable.descent import Residual
 
-if TYPE_CHECKING:
-    from sysid.diagnosis.physics.problem import Problem
+
+class Searched(Protocol):
+    """What a search asks of a problem."""
+
+    @property
+    def jumps(self) -> bool:
+        """Whether a sensor jumps, so that derivatives are taken without it."""
+
+    def residual(self, point: Floats) -> Floats:
+        """Return the residual at a point."""
+
+    def jacobian(self, point: Floats) -> Floats:
+        """Return the Jacobian at a point."""
+
+    def with_derivative(self, point: Floats) -> tuple[Floats, Floats]:
+        """Return residual and Jacobian."""
 
 
 class Evaluation:
     """Residuals of a problem, with the Jacobian at once as long as the search takes its steps."""
 
-    def __init__(self, problem: "Problem") -> None:
+    def __init__(self, problem: Searched) -> None:
         self._problem = problem
         self._derivative_is_wanted = True
 

@@ -1,5 +1,7 @@
 """What the point of a physical problem says to a reader: named parameters and their standard errors."""
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -8,11 +10,9 @@ from sysid.diagnosis.physics.cells import read_cells
 from sysid.diagnosis.physics.evaluation import finite
 from sysid.diagnosis.physics.laws import is_switch_without_level, with_level
 from sysid.diagnosis.physics.problem import Problem
-from sysid.diagnosis.structures.structure import Choice, FittedParameter
+from sysid.diagnosis.structures.plain_errors import LOOSE, UNSEEN, plain_errors
+from sysid.diagnosis.structures.structure import WHITE, Choice, FittedParameter
 
-# Singular values below this share of the largest belong to directions that the output does not show,
-# unknowns with more than this share in such a direction have no standard error.
-UNSEEN, LOOSE = 1e-9, 1e-2
 # Of the steps of a search's slopes: so far to each side of a minimum the mean slope is taken.
 WIDER = 100.0
 # A level that the other unknowns can take up to this share of its effect is one with them.
@@ -35,31 +35,29 @@ def named_parameters(problem: Problem, x: Floats, errors: Floats) -> tuple[Fitte
     return tuple(found)
 
 
-def standard_errors(problem: Problem, point: Floats) -> Floats:
+def standard_errors(problem: Problem, point: Floats, left: Floats = WHITE) -> Floats:
     """Return the standard error of each unknown; infinite where the output does not tell.
 
     Parameters
     ----------
     problem : Problem
     point : ndarray, shape (n_unknowns,)
+    left : ndarray, shape (order + 1,), optional
+        D(q) of the memory that is left in the problem's residual.
 
     Returns
     -------
     ndarray, shape (n_unknowns,)
     """
     J = slopes_of_both_sides(problem, point)
-    error = problem.residual(point)
-    scale = np.linalg.norm(J, axis=0)
-    lost = scale == 0.0
-    scale[lost] = 1.0
-    _, sizes, right = np.linalg.svd(J / scale, full_matrices=False)
-    seen = sizes > UNSEEN * sizes.max(initial=0.0)
-    spread = np.sqrt(float(error @ error) / max(error.size - problem.size, 1))
-    errors = spread * np.linalg.norm(right[seen].T / sizes[seen], axis=1) / scale
-    errors[lost | (np.abs(right[~seen]).max(axis=0, initial=0.0) > LOOSE)] = np.inf
+    edges = problem.run_edges.tolist()
+    runs = [slice(first, end) for first, end in itertools.pairwise(edges)]
+    residual = problem.residual(point)
+    errors = plain_errors(J, residual, runs, left)
     cells = read_cells(problem, point)
     if cells is not None:
-        errors *= cells.widening(problem.size)
+        spread = np.linalg.norm(residual) / np.sqrt(max(residual.size - problem.size, 1))
+        errors *= cells.widening(problem.size, float(spread))
         errors[problem.effect_places[-1].start] = cells.step_error
     errors[_relative_to_a_level(problem, point)] = np.inf
     return np.asarray(errors)

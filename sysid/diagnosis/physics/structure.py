@@ -10,7 +10,7 @@ from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
 from sysid.diagnosis.physics.budget import Budget
-from sysid.diagnosis.physics.cells import within_cells
+from sysid.diagnosis.physics.cells import with_thresholds_between, within_cells
 from sysid.diagnosis.physics.descents import (
     EVALUATIONS,
     TOLERANCES,
@@ -284,7 +284,7 @@ class PhysicsStructure:
             if is_rugged(problem) and not np.array_equal(rows, start.rows):
                 end = scattered(problem, end, EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE])
             end = refined(problem, end, EVALUATIONS[Effort.COARSE], TOLERANCES[effort])
-            return self._result(problem, within_cells(problem, end), True)
+            return self._result(problem, with_thresholds_between(problem, within_cells(problem, end)), True)
         small = first_rows_of(rows, SEARCH_ROWS)
         search, plain = problem, before
         if small.sum() < rows.sum():
@@ -380,10 +380,13 @@ class PhysicsStructure:
         """Return how an effect, added to a fit, would change its free run."""
         return directions(self.setting, fit, effect)
 
-    def finish(self, fit: StructureFit, noise: Floats) -> StructureFit:
-        """Return a fit with standard errors of its parameters filled in."""
-        problem = self._problem(fit.choices, fit.rows, noise)
-        errors = standard_errors(problem, fit.point)
+    def finish(
+        self, fit: StructureFit, noise: Floats, *, plain: bool = False, closely: bool = False
+    ) -> StructureFit:
+        """Return a fit with standard errors of its parameters filled in, as slopes tell them."""
+        del closely
+        problem = self._problem(fit.choices, fit.rows, WHITE if plain else noise)
+        errors = standard_errors(problem, fit.point, noise if plain else WHITE)
         return replace(fit, parameters=named_parameters(problem, fit.point, errors))
 
     def probes(self, fit: StructureFit) -> Floats:

@@ -8,7 +8,6 @@ import numpy as np
 
 from sysid.data import Record
 from sysid.data.record import Mask
-from sysid.diagnosis.comparison.scores import finite
 from sysid.diagnosis.ports.loop import Loop
 from sysid.diagnosis.ports.opening import plant_of
 from sysid.diagnosis.ports.plants import PORTS, Port
@@ -19,10 +18,11 @@ from sysid.diagnosis.ports.uncertainty import Shape, explained, judged_errors, s
 from sysid.diagnosis.wording import NORMAL_95, percent, quantity
 from sysid.errors import UsageError
 from sysid.linear.forms import Floats
+from sysid.result_files import finite
 
 if TYPE_CHECKING:
     from sysid.linear.output_error import OutputErrorFit
-    from sysid.physics.fit import PhysicsFit
+    from sysid.physics.fitted import PhysicsFit
 
 # Below this share a port is said to explain nothing.
 NOTHING = 0.02

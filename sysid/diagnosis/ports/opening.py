@@ -5,7 +5,7 @@ from sysid.diagnosis.ports.physics_plant import PhysicsPlant
 from sysid.diagnosis.ports.plants import Plant
 from sysid.errors import UsageError
 from sysid.linear.output_error import OutputErrorFit
-from sysid.physics.fit import PhysicsFit
+from sysid.physics.fitted import PhysicsFit
 
 
 def plant_of(model: OutputErrorFit | PhysicsFit) -> Plant:

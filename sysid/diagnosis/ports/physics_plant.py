@@ -11,7 +11,7 @@ from sysid.diagnosis.ports.plants import Matrices, Port
 from sysid.errors import ModelError
 from sysid.linear.forms import Floats
 from sysid.physics.expressions import symbols
-from sysid.physics.fit import PhysicsFit
+from sysid.physics.fitted import PhysicsFit
 from sysid.physics.hold import PIECES, in_columns, over_pieces
 from sysid.physics.linear_form import Discrete, discretise, linear_form
 from sysid.physics.model import Model, Variable

@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from sysid.diagnosis.comparison.regions import NEAR_ZERO
 from sysid.diagnosis.ports.uncertainty import Shape
 from sysid.diagnosis.wording import NORMAL_95
 from sysid.linear.forms import Floats
 
+# Velocities below this share of their root mean square count as near zero.
+NEAR_ZERO = 0.25
 # Places whose data are less dense than this share of the mean tell nothing.
 SPARSE = 0.02
 # The change around zero stands out if it is so many times the largest one elsewhere.

@@ -115,10 +115,14 @@ def fit_port(port: Port, baseline: tuple[Loop, Floats]) -> list[PortFit]:
 
 
 def _origins(baseline: tuple[Loop, Floats]) -> list[tuple[Loop, Floats]]:
-    """Return the plant alone, fitted, and as it is at other parameters from which a search may begin."""
+    """Return the plant alone, fitted, and as it is at other parameters, where a search may begin there.
+
+    A parameter of the fitted plant may have run off beyond all numbers.
+    """
     loop, point = baseline
     others = [np.concatenate([origin, point[loop.n_plant :]]) for origin in loop.plant.origins[1:]]
-    return [baseline, *((loop, loop.with_best_starts(other)) for other in others if loop.runs(other))]
+    found = [(loop, loop.with_best_starts(other)) for other in others if loop.runs(other)]
+    return [baseline, *found] if loop.runs(point) else found
 
 
 def _error(fit: PortFit) -> float:

@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.diagnosis.comparison.scores import block_length
 from sysid.diagnosis.ports.kernels import BEHIND
 from sysid.diagnosis.ports.loop import DEGREE, Loop, opening_state
 from sysid.diagnosis.ports.search import PortFit
+from sysid.diagnosis.residuals import block_length
 from sysid.linear.forms import Floats
 from sysid.linear.kernels import polynomial_filter
 from sysid.linear.uncertainty import autoregression

@@ -10,6 +10,8 @@ from sysid.diagnosis.effects.base import Floats
 QUANTISER = "out_quantisation"
 # Readings tell their cells while the noise is below this share of the step.
 LOUDEST = 0.25
+# Readings that miss their counts by less, as a share of the step, are whole counts written with a few digits.
+ROUNDING, TINY = 1e-6, 1e-300
 # The output may miss its cell by these shares of the step, one search after the other.
 WIDTHS = (0.1, 0.03, 0.01, 0.003)
 ITERATIONS = 12
@@ -42,19 +44,27 @@ class Cells:
     noise: float
     step_error: float
 
-    def widening(self, n_parameters: int) -> float:
+    def widening(self, n_parameters: int, spread: float) -> float:
         """Return the factor by which a fit inside the cells scatters more than the noise alone would have it.
 
         Of n rows some place the output to about a step times n_parameters / n, whatever the noise.
 
+        Parameters
+        ----------
+        n_parameters : int
+        spread : float
+            Standard deviation of the residual, by which the fit was said to scatter: it counts as the noise
+            where the readings are whole counts, so that what noise there is came before the quantiser.
+
         Examples
         --------
-        >>> Cells(1.0, np.zeros(400), 0.1, 0.0).widening(4)
+        >>> Cells(1.0, np.zeros(400), 0.1, 0.0).widening(4, 0.1)
+        1.4142135623730951
+        >>> Cells(1.0, np.zeros(400), 0.0, 0.0).widening(4, 0.1)
         1.4142135623730951
         """
-        return float(
-            np.sqrt(1.0 + n_parameters / self.counts.size * (self.step / max(self.noise, 1e-300)) ** 2)
-        )
+        noise = self.noise if self.noise > ROUNDING * self.step else spread
+        return float(np.hypot(1.0, np.sqrt(n_parameters / self.counts.size) * self.step / max(noise, TINY)))
 
 
 def cells_of(y: Floats, step: float) -> Cells | None:

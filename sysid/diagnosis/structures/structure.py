@@ -166,8 +166,14 @@ class Structure(Protocol):
         """
         ...
 
-    def finish(self, fit: StructureFit, noise: Floats) -> StructureFit:
-        """Return a fit with standard errors of its parameters filled in."""
+    def finish(
+        self, fit: StructureFit, noise: Floats, *, plain: bool = False, closely: bool = False
+    ) -> StructureFit:
+        """Return a fit with standard errors of its parameters filled in.
+
+        ``plain`` says that the fit did not weigh the errors by the colour of the noise; ``closely`` asks for
+        more than slopes tell, for a fit that is a minimum under this noise.
+        """
         ...
 
     def probes(self, fit: StructureFit) -> Floats:

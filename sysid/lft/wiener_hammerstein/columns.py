@@ -1,6 +1,6 @@
 """The rows of a Wiener-Hammerstein model and of its derivatives, made block after block."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -11,10 +11,38 @@ from sysid.nonlinearities.spline import EXTRAPOLATIONS
 
 if TYPE_CHECKING:
     from sysid.lft.linear_block import LinearBlock
-    from sysid.lft.wiener_hammerstein.model import WienerHammerstein
+    from sysid.nonlinearities.spline import Spline
 
 # Below this 1 + a1 + a2 of a section is an integrator, which no constant input settles: it starts from zero.
 SMALLEST_SUM = 1e-9
+
+
+class Chain(Protocol):
+    """A map between two linear blocks, see `sysid.lft.wiener_hammerstein.model.WienerHammerstein`."""
+
+    @property
+    def front(self) -> "LinearBlock":
+        """The block before the map."""
+
+    @property
+    def map(self) -> "Spline":
+        """The static map."""
+
+    @property
+    def back(self) -> "LinearBlock":
+        """The block behind the map."""
+
+    @property
+    def delay(self) -> int:
+        """Samples by which the input is late."""
+
+    @property
+    def oversampling(self) -> int:
+        """Points in a sampling period at which the map is found."""
+
+    @property
+    def resting(self) -> bool:
+        """Whether the input was zero before a record."""
 
 
 class Columns:
@@ -26,7 +54,7 @@ class Columns:
 
     Parameters
     ----------
-    model : WienerHammerstein
+    model : Chain
     u : ndarray, shape (n_samples,)
     derivatives : bool
     transient : ndarray, shape (n_samples,), optional
@@ -35,7 +63,7 @@ class Columns:
 
     def __init__(
         self,
-        model: "WienerHammerstein",
+        model: Chain,
         u: Floats,
         derivatives: bool = False,
         transient: Floats | None = None,

@@ -1,27 +1,24 @@
-"""What a comparison hands on: a model with its scores, tests and findings on held-out rows."""
+"""What judging a model comes to: scores, tests and findings on held-out rows, as plain data."""
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sysid.data import Record
 from sysid.diagnosis.comparison.noise import NoiseFloor
 from sysid.diagnosis.comparison.periods import Distortion
-from sysid.diagnosis.comparison.residuals import CorrelationTest
 from sysid.diagnosis.comparison.scores import SetScore
 from sysid.diagnosis.comparison.series import Series
-from sysid.diagnosis.comparison.summary import data_json, model_json, sentences
 from sysid.diagnosis.comparison.where import Finding, Location
 from sysid.diagnosis.models.fitted_model import FittedModel
+from sysid.diagnosis.residuals import CorrelationTest
 
 if TYPE_CHECKING:
     from sysid.diagnosis.models.fitted_model import PortView
-    from sysid.diagnosis.pages.content import Content
     from sysid.linear.simulation import Prediction
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Judgement:
     """A model beside the measurements it was not fitted to.
 
     Attributes
@@ -69,51 +66,3 @@ class Comparison:
     def score_of(self, name: str) -> SetScore:
         """Return the scores of one set of rows."""
         return next(s for s in self.scores if s.name == name)
-
-    def sentences(self) -> list[str]:
-        """Say what was found, the main thing first."""
-        return sentences(self)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return what the JSON file holds: plain values, no NaN."""
-        return {
-            "schema": 1,
-            "model": model_json(self),
-            "scores": {s.name: s.to_json() for s in self.scores},
-            "noise_floor": self.noise_floor.to_json(),
-            "where": [finding.to_json() for finding in self.where],
-            "shares": self.location.to_json(),
-            "tests": {name: test.to_json() for name, test in self.tests.items()}
-            | {"distortion": self.distortion.to_json()},
-            "ports": [port.to_json() for port in self.ports],
-            "warnings": list(self.warnings),
-            "data": data_json(self.record),
-            "sentences": self.sentences(),
-        }
-
-    @cached_property
-    def content(self) -> "Content":
-        """What page and PDF show, its figures drawn once."""
-        from sysid.diagnosis.pages.content import content_of
-
-        return content_of(self)
-
-    def to_html(self) -> str:
-        """Return the page as one self-contained HTML text."""
-        from sysid.diagnosis.pages.page import render
-
-        return render(self.content)
-
-    def to_pdf(self) -> bytes:
-        """Return the same content as a PDF."""
-        from sysid.diagnosis.pages.document import render_pdf
-
-        return render_pdf(self.content)
-
-    def __repr__(self) -> str:
-        return "\n".join(
-            [
-                f"Comparison of {self.record.name!r} with model {self.model.name!r}",
-                *("  " + s for s in self.sentences()),
-            ]
-        )

@@ -1,14 +1,15 @@
-"""Tests of a residual: is it white, is it free of the input."""
+"""A residual by itself: is it white, is it free of the input, how long does it remember."""
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from sysid.diagnosis.comparison.scores import autocorrelation, finite
 from sysid.linear.forms import Floats
+from sysid.result_files import finite
 
 LARGEST_LAG = 25
+FEWEST_BLOCKS = 8
 BAND_LEVEL = 0.99
 BAND = 2.5758293035489004  # 99.5 % quantile of the normal distribution
 
@@ -102,3 +103,23 @@ def corrected(
     single = erfc(largest / sqrt(2.0))
     p_value = -expm1(lags.size * log1p(-single)) if single < 1.0 else 1.0
     return CorrelationTest(lags, correlation, band, float(p_value))
+
+
+def block_length(series: Floats) -> int:
+    """Return a block length over which a series forgets itself."""
+    longest = max(series.size // FEWEST_BLOCKS, 1)
+    correlation = autocorrelation(series, longest)
+    # The sum is cut at the first correlation that is lost in its own noise.
+    lost = np.flatnonzero(correlation < 2.0 / np.sqrt(series.size))
+    cut = int(lost[0]) if lost.size else correlation.size
+    time = 1.0 + 2.0 * float(correlation[1:cut].sum())
+    return int(np.clip(np.ceil(max(2.0 * time, series.size ** (1.0 / 3.0))), 1, longest))
+
+
+def autocorrelation(series: Floats, largest_lag: int) -> Floats:
+    """Return the sample autocorrelation at lags 0 to ``largest_lag``."""
+    centred = series - series.mean()
+    n_fft = 1 << int(2 * series.size - 1).bit_length()
+    spectrum = np.fft.rfft(centred, n_fft)
+    covariance = np.fft.irfft(np.abs(spectrum) ** 2, n_fft)[: largest_lag + 1]
+    return np.asarray(covariance / covariance[0]) if covariance[0] > 0.0 else np.eye(1, largest_lag + 1)[0]

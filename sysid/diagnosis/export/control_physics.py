@@ -1,22 +1,25 @@
 """A physical model with effects as a system of python-control."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.export.saved_physics import SavedPhysicalModel
 from sysid.diagnosis.structures.pointwise import check_pointwise
 from sysid.errors import ModelError
 from sysid.physics import forced_kernels as fk
 from sysid.physics.forced import MOST_STATES, ForcedPlant
 from sysid.physics.own_laws import kernel_of
 
-if TYPE_CHECKING:
-    from sysid.diagnosis.export.saved_physics import SavedPhysicalModel
 
+def control_system(saved: SavedPhysicalModel) -> Any:
+    """Return a `control.NonlinearIOSystem` in continuous time.
 
-def control_system(saved: "SavedPhysicalModel") -> Any:
-    """Return a `control.NonlinearIOSystem` in continuous time; see `SavedPhysicalModel.to_control`."""
+    Its states are those of the model, a velocity on which friction acts first, and the deflection of an
+    elastic contact last if there is one.  Dry friction holds a body that rests and jumps with the
+    direction of one that moves, as the simulation of `SavedPhysicalModel.simulate` has it.
+    """
     import control
 
     plant = saved.plant
