@@ -56,7 +56,25 @@ ALIASES = {
 
 # What is hardly met where nothing is said.
 RARE = frozenset(
-    {"in", "ft", "rev", "rev/s", "mph", "MN", "kJ", "MJ", "mW", "mN", "kV", "MW", "MPa", "km", "deg/s"}
+    {
+        "in",
+        "ft",
+        "rev",
+        "rev/s",
+        "mph",
+        "MN",
+        "kJ",
+        "MJ",
+        "mW",
+        "mN",
+        "mN m",
+        "kN m",
+        "kV",
+        "MW",
+        "MPa",
+        "km",
+        "deg/s",
+    }
 )
 # The same in rotation: a model of a mass on a spring may be that of a shaft.
 ROTARY = {"m": "rad", "m/s": "rad/s", "N": "N m"}
@@ -100,8 +118,8 @@ def other_units(unit: str) -> dict[str, float]:
 
     Examples
     --------
-    >>> other_units("N"), other_units("K")
-    ({'kN': 0.001}, {})
+    >>> other_units("V"), other_units("K")
+    ({'mV': 1000.0}, {})
     """
     plain = _plain(unit)
     names = [name for family in FAMILIES for name in family if name not in RARE]
