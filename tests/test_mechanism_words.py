@@ -1,11 +1,14 @@
 """Laws of a position in a linear model: named by what was measured."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from sysid import diagnose
 from sysid.data import make_record
 from sysid.data.record import Record
+from sysid.diagnosis.decide.modes import swings
 
 
 def bent_record(output: str, unit: str) -> Record:
@@ -37,3 +40,12 @@ def test_a_cube_of_the_output_is_a_spring_only_of_a_position(
     assert found.accepted == ("cubic_stiffness",)
     assert said in sentence
     assert unsaid not in sentence
+
+
+@pytest.mark.parametrize(("frequency", "vibrates"), [(0.0, False), (0.5, False), (0.7, True)])
+def test_a_mode_that_does_not_swing_once_is_no_vibration(frequency: float, vibrates: bool) -> None:
+    # One swing in ten seconds is 0.63 rad/s.
+    mode = [SimpleNamespace(name="frequency", value=frequency), SimpleNamespace(name="damping", value=0.1)]
+    fit = SimpleNamespace(parameters_of=lambda name: mode if name == "extra_mode" else [])
+    assert swings(fit, 10.0) is vibrates  # type: ignore[arg-type]
+    assert swings(SimpleNamespace(parameters_of=lambda name: []), 10.0)  # type: ignore[arg-type]

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from sysid.data.conversions import conversion, unit_at_end
-from sysid.diagnosis.decide.modes import MODE, rings
+from sysid.diagnosis.decide.modes import MODE, rings, swings
 
 if TYPE_CHECKING:
     from sysid.data import Record
@@ -31,7 +31,7 @@ def mechanism(effect: "Effect", diagnosis: "Outcome") -> str:
     A difference equation does not say what its output is: a sine of it is a force of gravity only if it is an
     angle.  Its unit can tell; otherwise both are said.
     """
-    if effect.name == MODE and not rings(diagnosis.final.fitted):
+    if effect.name == MODE and not _vibrates(diagnosis):
         return SLOW_PATH
     physical = getattr(diagnosis.structure, "plant", None) is not None
     other = "" if physical else ELSEWHERE.get(effect.name, "")
@@ -42,6 +42,13 @@ def mechanism(effect: "Effect", diagnosis: "Outcome") -> str:
     if moves is None:
         return f"{effect.mechanism[:-1]}, if the output is a position or an angle; otherwise {other}: {law}."
     return f"{other[0].upper()}{other[1:]}: {law}."
+
+
+def _vibrates(diagnosis: "Outcome") -> bool:
+    """Tell whether an added mode rings, and swings at least once in the longest experiment."""
+    record, fitted = diagnosis.record, diagnosis.final.fitted
+    longest = record.period * max(part.stop - part.start for part in record.slices)
+    return rings(fitted) and swings(fitted, longest)
 
 
 def _moves(record: "Record") -> bool | None:
