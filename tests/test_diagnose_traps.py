@@ -8,7 +8,7 @@ from sysid.data import make_record
 from sysid.diagnosis import advice
 from sysid.diagnosis.decide.alignment import chance_at_other_times
 from sysid.diagnosis.decide.residual_evidence import Evidence
-from sysid.diagnosis.decide.revision import still_tied
+from sysid.diagnosis.decide.revision import exchanged, still_tied
 from sysid.diagnosis.decide.trials import Trials, may_hold
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.effects import find_effects
@@ -165,6 +165,19 @@ def test_a_tie_ends_with_the_effect_it_began_with():
     trials = Trials(Evidence(structure, rows, record.validation, 0.01), (), 0, 1, Progress())
     assert still_tied(trials, one, ("in_saturation", "in_relay")) == ("in_saturation", "in_relay")
     assert still_tied(trials, two, ("in_relay", "in_preload")) == ()
+
+
+def test_an_effect_chosen_beside_one_that_was_exchanged_is_looked_at_again():
+    rng = np.random.default_rng(8)
+    u = levels(rng, 1200, -2, 2, 3, 12)
+    y = second_order(np.clip(u, -1.0, 1.0)) + 1.5
+    record = record_of(u, y + 0.02 * rng.standard_normal(u.size))
+    structure, rows = LinearStructure(record, 2, initial_state="rest"), record.estimation
+    effects = find_effects(["out_drift", "in_backlash", "out_offset", "in_saturation"])
+    drift, play = (Choice(effect, effect.forms[0]) for effect in effects[:2])
+    wrong = structure.fit((drift, play), rows, WHITE, structure.baseline(rows), effort=Effort.COARSE)
+    trials = Trials(Evidence(structure, rows, record.validation, 0.01), tuple(effects), 0, 1, Progress())
+    assert set(exchanged(trials, wrong, 0).names) == {"in_saturation", "out_offset"}
 
 
 def test_only_forces_that_could_hold_a_body_are_searched_where_the_plant_is_lost():

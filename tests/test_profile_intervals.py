@@ -7,11 +7,14 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
+from benchmarks.hidden_effects.plan import assign
 from sysid.data import make_record
+from sysid.diagnosis.decide.noise_colour import noise_of
 from sysid.diagnosis.diagnose import diagnose
+from sysid.diagnosis.linear.levenberg import minimise
 from sysid.diagnosis.linear.restarts import exchanged_poles
 from sysid.diagnosis.linear.structure import LinearStructure
-from sysid.diagnosis.structures.structure import WHITE
+from sysid.diagnosis.structures.structure import WHITE, Effort
 
 ROWS = 900
 
@@ -114,3 +117,18 @@ def test_a_reader_is_told_where_the_record_does_not_tell_the_poles():
             make_record(u, y, period=1.0), "linear", 2, initial_state="rest", effects=["in_relay"]
         )
         assert any("does not tell all 2 poles" in sentence for sentence in found.sentences()) == told
+
+
+@pytest.mark.parametrize("number", [84, 90, 121])
+def test_under_coloured_noise_the_model_alone_is_as_likely_as_from_the_true_poles(number):
+    """Plain fits to these records take slow noise for a pole at 1; effects would be credited with others."""
+    case = assign(5991, number, "hard", "difference-equation", "null").case
+    record = make_record(case.u, case.y, period=1.0, split=case.sets)
+    structure, rows = LinearStructure(record, 3, initial_state="rest"), record.estimation
+    plain = structure.baseline(rows)
+    noise = noise_of(record.y[:, 0] - plain.output, rows).polynomial
+    fit = structure.fit((), rows, noise, plain, effort=Effort.REFIT)
+    true = np.array(list(case.plant.parameters.values()))
+    from_truth = minimise(structure.chain(()), structure.data(rows), true, noise)
+    assert fit.cost < from_truth.cost * (1.0 + 1e-3 / rows.sum())
+    assert plain.point[:3] != pytest.approx(fit.point[:3], abs=0.1)

@@ -84,8 +84,9 @@ def find_warnings(
     found: list[str] = []
     for values, names in ((u, inputs), (y, outputs)):
         for column, name in enumerate(names):
-            found.extend(_clipping(values[~is_test, column], name))
-            found.extend(quantisation_warnings(values[~is_test, column], name, units.get(name, "")))
+            signal = values[~is_test, column]
+            found.extend(_clipping(signal, name))
+            found.extend(quantisation_warnings(signal, name, units.get(name, ""), is_input=values is u))
     seen = np.where(is_test[:, np.newaxis], np.nan, y)
     ends = (*starts[1:], labels.size)
     for column, name in enumerate(outputs):

@@ -55,8 +55,8 @@ def quantisation_step(values: Floats) -> float | None:
     return None
 
 
-def quantisation_warnings(values: Floats, name: str, unit: str) -> list[str]:
-    """Say where rounding alone leaves an error worth a word."""
+def quantisation_warnings(values: Floats, name: str, unit: str, *, is_input: bool = False) -> list[str]:
+    """Say where rounding alone leaves an error worth a word; an input may have been set in steps."""
     measured = values[np.isfinite(values)]
     if measured.size < FEWEST_ROWS:
         return []
@@ -64,8 +64,9 @@ def quantisation_warnings(values: Floats, name: str, unit: str) -> list[str]:
     if step is None or step * ROUNDING < NOTABLE_SHARE * spread:
         return []
     unit = f" {unit}" if unit else ""
+    rounded = "unless it was set so, rounding" if is_input else "rounding"
     return [
         f"{name!r} moves in steps of {step:.3g}{unit}, {100.0 * step / spread:.2g} % of its standard "
-        f"deviation: rounding alone leaves an error of {step * ROUNDING:.2g}{unit} that no model explains; "
+        f"deviation: {rounded} alone leaves an error of {step * ROUNDING:.2g}{unit} that no model explains; "
         "measure in a finer range, or write more digits"
     ]

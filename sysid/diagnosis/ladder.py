@@ -24,8 +24,12 @@ from sysid.diagnosis.structures.structure import (
 )
 from sysid.diagnosis.wording import plus_minus
 from sysid.errors import UsageError
+from sysid.linear.unit_root import with_unit_root
 from sysid.progress import ProgressTask
 from sysid.result_files import finite
+
+# A refit on more rows that follows them so much less than the fit to some of them is another model.
+COSTLY = 1.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,12 +154,7 @@ def climb(
     plain = plain or noise.size < decision.noise.polynomial.size
     finals = []
     for fit in estimates:
-        final = structure.fit(fit.choices, record.learning, noise, fit, effort=Effort.REFIT)
-        if not final.usable:  # under rows that neither fit has seen
-            final = fit
-        final = with_fine_steps(structure, final, noise)
-        own = noise_of(record.y[:, 0] - final.output, record.learning).polynomial if plain else noise
-        finals.append(structure.finish(final, own, plain=plain, closely=not plain))
+        finals.append(_refitted(structure, fit, noise, plain))
         bar.advance()
     floor = decision.floor
     y = record.y[record.validation, 0]
@@ -172,6 +171,34 @@ def climb(
         removed = 0.0 if step == 0 else (errors[step - 1] - errors[step]) / explainable
         rungs.append(Rung(step, effect, DiagnosedModel(structure, final), scores, removed))
     return tuple(rungs)
+
+
+def _refitted(structure: Structure, fit: StructureFit, noise: Floats, plain: bool) -> StructureFit:
+    """Return a fit on estimation and validation rows, weighed by a colour unless plain, with its errors.
+
+    Weighed it may end elsewhere, where what is left is likelier as noise and the free run far off.
+    """
+    record, rows = structure.record, structure.record.learning
+
+    def error(of: StructureFit) -> float:
+        return float(np.mean((record.y[:, 0] - of.output)[rows] ** 2))
+
+    final = structure.fit(fit.choices, rows, noise, fit, effort=Effort.REFIT)
+    if noise.size > 1 and error(final) > COSTLY * error(fit):
+        noise, plain = WHITE, True
+        final = structure.fit(fit.choices, rows, noise, fit, effort=Effort.REFIT)
+    if not final.usable:  # under rows that neither fit has seen
+        final = fit
+    final = with_fine_steps(structure, final, noise)
+    return structure.finish(final, _memory(record, final) if plain else noise, plain=plain, closely=not plain)
+
+
+def _memory(record: Record, fit: StructureFit) -> Floats:
+    """Return D(q) of what is left by a fit to the learning rows."""
+    residual = record.y[:, 0] - fit.output
+    noise = noise_of(residual, record.learning).polynomial
+    parts = [residual[part][record.learning[part]] for part in record.slices]
+    return with_unit_root(parts, noise)
 
 
 def _weighting(structure: Structure, fit: StructureFit, noise: Floats) -> Floats:

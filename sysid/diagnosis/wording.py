@@ -114,3 +114,17 @@ def all_of(names: Sequence[str]) -> str:
     'the squared input, the cubed input and the squared output'
     """
     return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
+
+
+def value_beside(value: float, std_error: float) -> str:
+    """Return a value down to the last digit of `plus_minus`, four significant digits where that is not known.
+
+    Examples
+    --------
+    >>> value_beside(0.46213, 0.000277), value_beside(0.46213, 1.2), value_beside(0.46213, float("nan"))
+    ('0.46213', '0.5', '0.4621')
+    """
+    interval = plus_minus(std_error)
+    if not interval or "e" in interval or not isfinite(value):
+        return significant(value, 4)
+    return f"{value:.{len(interval.partition('.')[2])}f}"

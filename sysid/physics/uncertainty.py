@@ -54,6 +54,7 @@ class Uncertainty:
 def parameter_uncertainty(problem: Problem, point: Floats, residual: Floats) -> Uncertainty:
     """Return the covariance (J'J)^-1 J'VJ (J'J)^-1, V that of an autoregressive model of the residual.
 
+    The model has a unit root where the residual may wander; see `sysid.linear.unit_root`.
     J'VJ = sigma^2 |F'J|^2, where F' runs 1/D backwards in time.  Initial states count as parameters.  The row
     of a prior has the variance of the noise by which it was weighed.
     """
@@ -68,12 +69,13 @@ def parameter_uncertainty(problem: Problem, point: Floats, residual: Floats) -> 
     scale = np.linalg.norm(J, axis=0)
     scale[scale == 0.0] = 1.0
     J /= scale
+    wandering = [_wandering(problem, residual, o, *model) for o, model in enumerate(models)]
     left, sizes, right = np.linalg.svd(J, full_matrices=False)
     known = sizes > RANK_TOLERANCE * sizes[0]
     # (J'J)^-1 J' V J (J'J)^-1 = G'G with G = F'J (J'J)^-1 = F'U diag(1/s) V'.
     inverse = (right[known] / sizes[known, np.newaxis]) / scale
     lost = float(np.sqrt(rows / max(rows - point.size, 1)))
-    G = lost * (_backwards(left[:rows, known], models, problem) @ inverse)[:, :count]
+    G = lost * (_backwards(left[:rows, known], wandering, problem) @ inverse)[:, :count]
     white = (left[:rows, known] @ inverse)[:, :count]
     size = np.linalg.norm(white, axis=0)
     effective = np.where(
@@ -96,6 +98,20 @@ def parameter_uncertainty(problem: Problem, point: Floats, residual: Floats) -> 
         tuple(std / weight for (_, std), weight in zip(models, problem.weights.tolist(), strict=True)),
         effective,
     )
+
+
+def _wandering(
+    problem: Problem, residual: Floats, output: int, noise: Floats, std: float
+) -> tuple[Floats, float]:
+    """Return the noise of an output with a unit root, unless its residual proves that it has none."""
+    from sysid.linear.unit_root import with_unit_root
+
+    runs = [residual[rows] for rows, _, place in problem.runs() if place == output]
+    found = with_unit_root(runs, noise)
+    if found is noise:
+        return noise, std
+    driving = np.concatenate([np.convolve(run, found)[noise.size - 1 : run.size] for run in runs])
+    return found, float(np.sqrt(np.mean(driving**2)))
 
 
 def _backwards(columns: Floats, models: list[tuple[Floats, float]], problem: Problem) -> Floats:

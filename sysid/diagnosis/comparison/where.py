@@ -17,6 +17,8 @@ LEVEL = 0.01
 # A share that is significant and yet hardly larger than that of the data is not worth a sentence.
 SMALLEST_ODDS = 1.5
 SMALLEST_PULL = 0.005
+# A region's share of the error is worth a word if it is this many times its share of the rows.
+MORE_THAN_EVEN = 1.2
 SMALLEST_EXPLAINED = 0.05
 LISTED_WINDOWS = 3
 FEWEST_ROWS = 60
@@ -285,10 +287,10 @@ def _sentence(kind: str, region: Region, found: Contrasts, index: int, series: S
     if found.statistic == "pull":
         side = "above" if found.pull[index] > 0.0 else "below"
         where = place[0].upper() + place[1:]
-        return (
-            f"{where}, the measurement is pulled {side} the model time and again; {error} of the error that "
-            f"newly arises on {judged} lies there, {data} {of_data}."
-        )
+        pulled = f"{where}, {data} {of_data}, the measurement is pulled {side} the model time and again"
+        if found.error_share[index] < MORE_THAN_EVEN * found.data_share[index]:
+            return f"{pulled}."
+        return f"{pulled}; {error} of the error that newly arises on {judged} lies there."
     if found.measure == "free":
         return f"{error} of the squared error on {judged} lies {place}, {data} {of_data}."
     return f"{error} of the error that newly arises on {judged} comes {place}, {data} {of_data}."

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.evidence import told_apart
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.decide.trials import Trials
@@ -19,19 +20,25 @@ SAME_CRITERION = 1e-6
 def exchanged(trials: Trials, fit: StructureFit, n_given: int) -> StructureFit:
     """Try to replace each earlier effect by another: the first was chosen before the others."""
     evidence = trials.evidence
-    for position in range(n_given, len(fit.choices) - 1):
+    position = n_given
+    for _ in range(n_given, len(fit.choices)):
+        if position >= len(fit.choices) - 1:
+            break
         others = tuple(choice for i, choice in enumerate(fit.choices) if i != position)
         noise = evidence.colour(fit)
         without = evidence.structure.fit(others, evidence.rows, noise.polynomial, fit, effort=Effort.REFIT)
-        if not without.usable:
-            continue
-        options = [effect for effect in trials.candidates if effect.name not in without.names]
-        statistics = trials.screen(without, options, noise).statistics
-        options.sort(key=lambda effect: -statistics[effect.name])
-        found = trials.ranked(without, options[:EXCHANGED], noise)
+        found: list[Trial] = []
+        if without.usable:
+            options = [effect for effect in trials.candidates if effect.name not in without.names]
+            statistics = trials.screen(without, options, noise).statistics
+            options.sort(key=lambda effect: -statistics[effect.name])
+            found = trials.ranked(without, options[:EXCHANGED], noise)
         limit = evidence.criterion(fit, noise) - SAME_CRITERION
         if found and found[0].fit is not None and found[0].criterion < limit:
+            # What comes to stand here was chosen beside the one that is gone: it is next.
             fit = found[0].fit
+        else:
+            position += 1
     return fit
 
 

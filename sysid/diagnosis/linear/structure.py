@@ -21,7 +21,8 @@ from sysid.diagnosis.linear.parameters import (
     widened_by_memory,
 )
 from sysid.diagnosis.linear.probes import probe_directions
-from sysid.diagnosis.linear.restarts import AGREEMENT, restarted
+from sysid.diagnosis.linear.profile import MOST_ROWS
+from sysid.diagnosis.linear.restarts import AGREEMENT, exchanged_poles, from_poles, restarted
 from sysid.diagnosis.linear.rows import Data, data_of, for_search, on_record
 from sysid.diagnosis.linear.search import EffectSearch, Grid
 from sysid.diagnosis.linear.starts import further_starts
@@ -39,6 +40,8 @@ HIGHEST_ORDER = 6
 DRAWN_IN = (1.0 - 1e-6, 1.0 - 1e-4, 0.99)
 # Laws about a position of zero: seen from afar they are a bend of any shape, whatever bends.
 CENTRED = ("gravity_sine", "cubic_stiffness")
+# Up to this order poles are tried in other places.
+MOST_EXCHANGED = 4
 # A higher order must lower the validation error by at least this share.
 WORTHWHILE = 0.02
 
@@ -195,6 +198,8 @@ class LinearStructure:
                 again = self._polished(chain, data, self._from_baseline(point, rows), noise)
                 if minimum is None or (again is not None and again.cost < minimum.cost):
                     minimum = again
+            if not choices and minimum is not None:
+                minimum = self._with_other_poles(chain, data, minimum, noise)
             if minimum is not None:
                 point = minimum.point
         agree = start.restarts_agree
@@ -213,6 +218,18 @@ class LinearStructure:
         end = "the search came to rest" if minimum.converged else "the search was still moving"
         status = f"{end}; " + ("several starts agree" if agree else "other starts ended elsewhere")
         return self._fitted(chain, data, rows, minimum, agree, status)
+
+    def _with_other_poles(self, chain: Chain, data: Data, minimum: Minimum, noise: Floats) -> Minimum:
+        """Return the model without effects that is likeliest under coloured noise.
+
+        A plain fit takes slow noise for a slow pole, and from there no search under the noise's colour comes
+        back.  Effects would be credited with what other poles do.
+        """
+        if noise.size == 1 or self.order > MOST_EXCHANGED or data.u.size > MOST_ROWS:
+            return minimum
+        ends = (from_poles(chain, data, minimum.point, poles, noise)
+                for poles in exchanged_poles(minimum.point, self.order))  # fmt: skip
+        return min([minimum, *(end for end in ends if end is not None)], key=lambda end: end.cost)
 
     def _from_baseline(self, point: Floats, rows: Mask) -> Floats:
         """Return a point with the coefficients of the model without effects."""
@@ -253,7 +270,8 @@ class LinearStructure:
     ) -> StructureFit:
         """Return a fit with standard errors of its parameters filled in.
 
-        A close look may meet a model that is far more likely, which then takes its place.
+        A close look may meet a model that is far more likely, which then takes its place, unless its free run
+        is farther from the rows: what is likely by the colour of a residual alone follows what it leaves out.
         """
         data, chain = self.data(fit.rows), self.chain(fit.choices)
         weight = WHITE if plain else noise
@@ -262,7 +280,7 @@ class LinearStructure:
             minimum = self._polished(chain, data, lower.point, weight)
             if minimum is not None and minimum.cost < fit.cost:
                 moved = self._fitted(chain, data, fit.rows, minimum, False, fit.status)
-                if moved.usable:
+                if moved.usable and self._error(moved) <= self._error(fit):
                     fit = moved
                     errors, _ = standard_errors(chain, data, fit.point, weight, fit.cost, closely=True)
         if plain and noise.size > 1:
@@ -273,6 +291,10 @@ class LinearStructure:
             for parameter, error in zip(fit.parameters, errors[own], strict=True)
         )
         return replace(fit, parameters=parameters)
+
+    def _error(self, fit: StructureFit) -> float:
+        """Return the mean square of the free-run error on the rows of a fit."""
+        return float(np.mean((self.record.y[:, 0] - fit.output)[fit.rows] ** 2))
 
     def respond(self, fit: StructureFit, u: Floats) -> tuple[Floats, Floats]:
         """Return the free run from rest for an input, and its derivative by all parameters.

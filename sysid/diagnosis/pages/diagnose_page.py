@@ -18,7 +18,7 @@ from sysid.diagnosis.pages.drawing import (
 from sysid.diagnosis.pages.figures import port_pictures
 from sysid.diagnosis.pages.figures_run import seconds_of
 from sysid.diagnosis.pages.report_words import sentences
-from sysid.diagnosis.wording import percent, plus_minus, quantity, significant
+from sysid.diagnosis.wording import percent, plus_minus, quantity, significant, value_beside
 from sysid.reporting.style import COLOURS, style, svg
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def _parameters(diagnosis: "Outcome") -> Table:
     rows = tuple(
         (
             f"{p.owner}: {p.name}" if p.owner else p.name,
-            significant(p.value, 4),
+            value_beside(p.value, p.std_error),
             plus_minus(p.std_error),
             p.unit,
         )

@@ -6,7 +6,7 @@ import numpy as np
 
 from sysid.diagnosis.drafts import law_in_words
 from sysid.diagnosis.pages.mechanism_words import mechanism
-from sysid.diagnosis.wording import NORMAL_95, percent, plus_minus, quantity, significant
+from sysid.diagnosis.wording import NORMAL_95, percent, plus_minus, quantity, value_beside
 
 if TYPE_CHECKING:
     from sysid.diagnosis.effects.base import Effect
@@ -149,7 +149,8 @@ def _own_constant(diagnosis: "Outcome") -> list[str]:
 
 def _with_spread(parameter: "FittedParameter") -> str:
     """Return name, value, half the 95 % interval and unit of a parameter."""
-    words = (significant(parameter.value), plus_minus(parameter.std_error), parameter.unit)
+    value = value_beside(parameter.value, parameter.std_error)
+    words = (value, plus_minus(parameter.std_error), parameter.unit)
     return f"{parameter.name} = {' '.join(word for word in words if word)}"
 
 
