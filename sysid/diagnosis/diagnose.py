@@ -227,6 +227,7 @@ def structure_of(
     if hasattr(model, "offered"):
         checked: Structure = model
         return checked
+    from sysid.diagnosis.models.unit_check import in_units_of
     from sysid.diagnosis.physics.structure import PhysicsStructure
     from sysid.physics import load_model
     from sysid.physics.model import Model
@@ -234,7 +235,8 @@ def structure_of(
     if order is not None:
         raise UsageError("--order is for the linear model: a physical model has its own")
     loaded = model if isinstance(model, Model) else load_model(model)
-    return PhysicsStructure(record, loaded.with_parameters(start, fixed), initial_state)
+    read, units = in_units_of(record, loaded.with_parameters(start, fixed))
+    return PhysicsStructure(record, read, initial_state, units)
 
 
 def taken_up(

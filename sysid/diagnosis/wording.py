@@ -1,5 +1,6 @@
 """Numbers and units as an engineer writes them."""
 
+from collections.abc import Sequence
 from math import floor, isfinite, log10
 
 # 97.5 % quantile of the normal distribution.
@@ -102,6 +103,17 @@ def plus_minus(std_error: float) -> str:
     ('± 0.020', '')
     """
     return f"± {significant(NORMAL_95 * std_error, 2)}" if isfinite(std_error) else ""
+
+
+def all_of(names: Sequence[str]) -> str:
+    """Join names of which all are meant.
+
+    Examples
+    --------
+    >>> all_of(["the squared input", "the cubed input", "the squared output"])
+    'the squared input, the cubed input and the squared output'
+    """
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
 
 
 def value_beside(value: float, std_error: float) -> str:

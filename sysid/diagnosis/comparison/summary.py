@@ -8,7 +8,7 @@ import numpy as np
 from sysid.data import Record
 from sysid.diagnosis.comparison.scores import Score, SetScore
 from sysid.diagnosis.residuals import BAND_LEVEL, CorrelationTest
-from sysid.diagnosis.wording import percent, quantity
+from sysid.diagnosis.wording import all_of, percent, quantity
 from sysid.result_files import finite
 
 if TYPE_CHECKING:
@@ -96,20 +96,9 @@ def _nonlinear_sentence(comparison: "Judgement") -> str:
         return f"No nonlinear trace of input or output is left in the residual on {comparison.judged}."
     sizes = [_followed(name) for name in traces if name.startswith(SIZE)]
     means = [_followed(name) for name in traces if not name.startswith(SIZE)]
-    told = [f"it follows {_all_of(means)}"] if means else []
-    told += [f"its size follows {_all_of(sizes)}"] if sizes else []
+    told = [f"it follows {all_of(means)}"] if means else []
+    told += [f"its size follows {all_of(sizes)}"] if sizes else []
     return f"The residual on {comparison.judged} holds nonlinear traces: {'; '.join(told)}."
-
-
-def _all_of(names: Sequence[str]) -> str:
-    """Join names of which all are meant.
-
-    Examples
-    --------
-    >>> _all_of(["the squared input", "the cubed input", "the squared output"])
-    'the squared input, the cubed input and the squared output'
-    """
-    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
 
 
 def spoken(name: str) -> str:

@@ -25,6 +25,20 @@ def rings(fit: StructureFit) -> bool:
     return damping <= LIGHTLY or least_damping(_denominator(fit)) <= LIGHTLY
 
 
+def swings(fit: StructureFit, seconds: float) -> bool:
+    """Tell whether an added mode, if there is one, swings once in a time.
+
+    One that does not is a drift, which a small error of the plant's own slow part asks for.
+
+    Parameters
+    ----------
+    fit : StructureFit
+    seconds : float
+    """
+    frequency = next((p.value for p in fit.parameters_of(MODE) if p.name == "frequency"), np.inf)
+    return bool(frequency * seconds >= 2.0 * np.pi)
+
+
 def is_the_plant_again(fit: StructureFit, period: float) -> bool:
     """Tell whether the added mode is where a mode of the model is.
 

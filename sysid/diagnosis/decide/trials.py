@@ -206,7 +206,9 @@ class Trials:
         """Score each candidate by the directions in which it would change the free run of a fit."""
 
         def white(columns: Floats) -> Floats:
-            return filtered(columns, self.evidence.rows, noise.polynomial)
+            # A direction in which the run diverges says nothing.
+            known = columns if np.isfinite(columns).all() else np.zeros_like(columns)
+            return filtered(known, self.evidence.rows, noise.polynomial)
 
         directions = {
             effect.name: [white(block) for block in self.evidence.structure.directions(current, effect)]

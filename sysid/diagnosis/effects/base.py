@@ -44,9 +44,10 @@ class Grid:
         ``"input deviation"``, ``"output deviation"``, ``"speed deviation"``: multiples of the standard
         deviation (speed is the output's first difference); ``"output count"``: multiples of the output's
         deviation, and the steps at whose multiples its values gather; ``"input rise"``: quantiles of the
-        input's absolute change per second; ``"period"``: multiples of the sampling period; ``"rate"``:
-        radians per sampling period; ``"duration"``: share of the time that was measured; ``"plain"``:
-        as given.
+        input's absolute change per second, or of one that is mostly held rates between those at which it
+        reaches its next level just in time and at once; ``"period"``: multiples of the sampling period;
+        ``"rate"``: radians per sampling period; ``"duration"``: share of the time that was measured;
+        ``"plain"``: as given.
     points : tuple of float
         In rising order.
     """
@@ -72,7 +73,7 @@ class Grid:
             # Below all that is not zero: an input of few levels may have nothing near zero.
             return np.where(points > 0.0, np.quantile(np.abs(signal), points), 0.0)
         if kind == "rise":
-            return np.asarray(np.quantile(np.abs(np.diff(signal)), points) / period)
+            return _rises(signal, points) / period
         if kind == "count":
             from sysid.diagnosis.effects.counts import counts
 
@@ -82,6 +83,25 @@ class Grid:
             return points * (float(np.std(moved)) or 1.0)
         factors = {"period": period, "rate": 1.0 / period, "duration": period * u.size, "plain": 1.0}
         return points * factors[self.scale]
+
+
+def _rises(u: Floats, points: Floats) -> Floats:
+    """Return typical changes of an input in a sample.
+
+    Examples
+    --------
+    >>> staircase = np.repeat([0.0, 3.0, 1.0, 2.0], 10)
+    >>> _rises(staircase, np.array([0.1, 0.5, 0.9])).round(2).tolist()
+    [0.1, 0.45, 2.0]
+    """
+    moves = np.abs(np.diff(u))
+    found = np.quantile(moves, points)
+    if found.size < 2 or found[found.size // 2] > 0.0 or not moves.any():
+        return np.asarray(found)
+    places = np.flatnonzero(moves)
+    held = np.diff(np.append(places, u.size - 1))
+    slowest, fastest = np.median(moves[places] / held), np.median(moves[places])
+    return np.geomspace(0.5 * slowest, fastest, found.size)
 
 
 # A divisor or a factor without a unit.

@@ -22,6 +22,8 @@ def further_starts(chain: Chain, data: Data, point: Floats) -> list[Floats]:
     port, alone = choice.effect.port, len(chain.drives) == 1
     if (port in DRIVING and alone) or (port == "input" and not choice.form.shapes and not chain.drives):
         return _by_equation_error(chain, data, point)
+    if choice.name == "feedthrough" and len(chain.choices) == 1:
+        return _with_direct_path(chain, data, point)
     if choice.name == "out_rectify" and choice.form.name == "full-wave":
         return _with_signs(chain, data, point)
     return []
@@ -117,6 +119,30 @@ def _added_by(chain: Chain, data: Data, unit: Floats, run: Run, z: Floats) -> Fl
     return chain.mapped(data, unit) - run.x
 
 
+def _with_direct_path(chain: Chain, data: Data, point: Floats) -> list[Floats]:
+    """Return a start for a direct path by regression: in A y = B u + d A u it is the coefficient of u itself.
+
+    The fit without it has no zeros where the plant has them, and its poles may be far off.
+    """
+    n, whole = chain.order, np.append(point, 0.0)
+    run = chain.run(data, whole)
+    if run is None:
+        return []
+    measured = np.where(data.used, data.y, run.y)
+    signals = [measured, data.u, np.ones(data.u.size), np.arange(data.u.size) / data.u.size]
+    a, starts = np.zeros(n), []
+    for _ in range(REFILTERED):
+        y, u, *slow = (data.by_experiment(lambda s, p, T: _all_pole(s, p), signal, a) for signal in signals)
+        past = [data.lagged(signal, i) for signal in (-y, u) for i in range(1, n + 1)]
+        found = _least_squares(np.array([*past, u, *slow]).T[data.used], y[data.used])
+        if found is None or not is_stable(found[:n]):
+            break
+        a, d, start = found[:n], found[2 * n], whole.copy()
+        start[: 2 * n], start[-1] = np.concatenate([a, found[n : 2 * n] - d * a]), d
+        starts.append(start)
+    return starts[-1:]
+
+
 def with_regressed_coefficients(chain: Chain, data: Data, whole: Floats) -> Floats | None:
     """Return a point with a and b from the equation error, the effects held as they are."""
     run, n = chain.run(data, whole), chain.order
@@ -140,13 +166,19 @@ def _regressed(
     rows = [data.by_experiment(lambda s, p, T: _all_pole(s, a), signal, a) for signal in signals]
     columns = [data.lagged(-rows[0], i) for i in range(1, n + 1)]
     columns += [data.lagged(row, i) for row in rows[1:-2] for i in range(1, n + 1)]
-    X = np.array([*columns, *rows[-2:]]).T[data.used]
+    found = _least_squares(np.array([*columns, *rows[-2:]]).T[data.used], rows[0][data.used])
+    if found is None:
+        return None
+    b, *scaled = found[n : (2 + len(felt)) * n].reshape(-1, n)
+    return found[: 2 * n], [float(b @ d) / max(float(b @ b), 1e-300) for d in scaled]
+
+
+def _least_squares(X: Floats, y: Floats) -> Floats | None:
+    """Return the coefficients of a regression; None if a column is lost."""
     size = np.linalg.norm(X, axis=0)
     if not np.isfinite(size).all() or (size == 0.0).any():
         return None
-    found = np.linalg.lstsq(X / size, rows[0][data.used], rcond=1e-10)[0] / size
-    b, *scaled = found[n : (2 + len(felt)) * n].reshape(-1, n)
-    return found[: 2 * n], [float(b @ d) / max(float(b @ b), 1e-300) for d in scaled]
+    return np.asarray(np.linalg.lstsq(X / size, y, rcond=1e-10)[0] / size)
 
 
 def _all_pole(signal: Floats, a: Floats) -> Floats:

@@ -27,6 +27,7 @@ from sysid.diagnosis.linear.rows import Data, data_of, for_search, on_record
 from sysid.diagnosis.linear.search import EffectSearch, Grid
 from sysid.diagnosis.linear.starts import further_starts
 from sysid.diagnosis.linear.thresholds import cells_around
+from sysid.diagnosis.structures.exercised import shows
 from sysid.diagnosis.structures.memory import Fits, Memory
 from sysid.diagnosis.structures.sides import with_forms_of
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
@@ -108,6 +109,7 @@ class LinearStructure:
             if "linear" in effect.families
             and not (effect.name in same and same[effect.name] in names | {""})
             and not (effect.name in CENTRED and self._far_from_zero())
+            and shows(self.record, effect)
         )
 
     def _far_from_zero(self) -> bool:

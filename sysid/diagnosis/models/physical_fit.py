@@ -5,6 +5,7 @@ from dataclasses import replace
 from sysid.data import Record
 from sysid.diagnosis.models.adapters import JointModel, PhysicalModel
 from sysid.diagnosis.models.sensor_zero import fit_with_zero, free_run_rms
+from sysid.diagnosis.models.unit_check import in_units_of
 from sysid.diagnosis.physics.hold import SMOOTHER, band_limited
 from sysid.diagnosis.wording import percent, quantity
 from sysid.errors import ModelError
@@ -27,8 +28,9 @@ def fit_physical(
     The input is held between samples, unless it has no upper frequencies, as one that was held has, and a
     smooth course between samples lowers the error on the validation rows by much.  The sensor may have a
     zero of its own (``constant``); where nothing is said and experiments do not start at rest, the validation
-    rows say so.
+    rows say so.  A column in another unit than the model's is told.
     """
+    model, units = in_units_of(record, model)
     accepted = fit_physics(
         record,
         model,
@@ -44,7 +46,7 @@ def fit_physical(
     fit = refit_physics(record, accepted)
     if progress is not None:
         progress(100, 100)
-    return PhysicalModel(fit, accepted, tuple(note for note in (held, zero) if note))
+    return PhysicalModel(fit, accepted, tuple(note for note in (held, zero, units) if note))
 
 
 def fit_jointly(

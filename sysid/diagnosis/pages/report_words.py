@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid.diagnosis.decide.modes import MODE, rings
 from sysid.diagnosis.drafts import law_in_words
+from sysid.diagnosis.pages.mechanism_words import mechanism
 from sysid.diagnosis.wording import NORMAL_95, percent, plus_minus, quantity, value_beside
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ def sentences(diagnosis: "Outcome") -> list[str]:
     record, ladder = diagnosis.record, diagnosis.ladder
     unit = record.unit(record.outputs[0])
     judged = diagnosis.judged
-    found = [_headline(diagnosis)]
-    found += [f"{effect.name}: {_mechanism(effect, diagnosis)}" for effect in _effects(diagnosis)]
+    found = [_headline(diagnosis), *filter(None, [getattr(diagnosis.structure, "units", "")])]
+    found += [f"{effect.name}: {mechanism(effect, diagnosis)}" for effect in _effects(diagnosis)]
     for rung in ladder:
         found.append(_rung(rung, judged, unit))
     found += _noise_floor(diagnosis, judged, unit)
@@ -48,13 +48,18 @@ def sentences(diagnosis: "Outcome") -> list[str]:
 
 
 def _noise_floor(diagnosis: "Outcome", judged: str, unit: str) -> list[str]:
-    """Tell the floor, and whether the final model has come down to it."""
+    """Tell the floor, and whether the final model has come down to it.
+
+    Where something is left that nothing explains, a quiet test set may still lie below the floor of the rows
+    that the model was fitted to: that does not make it noise.
+    """
     floor, left = diagnosis.noise_floor, diagnosis.ladder[-1].scores[judged]["rmse"]
     if not np.isfinite(floor):
         return []
     reached = left is not None and left < AT_FLOOR * floor
+    unexplained = diagnosis.verdict == "unexplained"
     rest = "what is left is noise" if reached else "what lies above it is the model's"
-    return [f"Noise floor: {quantity(floor, unit)} RMSE; {rest}."]
+    return [f"Noise floor: {quantity(floor, unit)} RMSE{'' if reached and unexplained else f'; {rest}'}."]
 
 
 def _loose(diagnosis: "Outcome") -> list[str]:
@@ -88,16 +93,6 @@ def _loose_poles(diagnosis: "Outcome") -> list[str]:
 
 def _effects(diagnosis: "Outcome") -> "list[Effect]":
     return [choice.effect for choice in diagnosis.final.fitted.choices]
-
-
-def _mechanism(effect: "Effect", diagnosis: "Outcome") -> str:
-    """Return what happens, at least as a formula; for a mode whether it rings at all."""
-    if effect.name != MODE or rings(diagnosis.final.fitted):
-        return effect.mechanism or effect.equation
-    return (
-        "Further dynamics beside the modelled ones that do not ring, such as a slow heat store or a second "
-        "time constant: the model's order is too low, so try a higher one before you believe in a vibration."
-    )
 
 
 def _headline(diagnosis: "Outcome") -> str:
@@ -189,5 +184,18 @@ def _rung(rung: "Rung", judged: str, unit: str) -> str:
     if entry["rmse"] is None:
         return f"{what}: the free run on {judged} diverges."
     share = f", {percent(entry['nrmse'])} of the signal" if entry["nrmse"] is not None else ""
-    removed = f"; {percent(min(rung.removed, 1.0))} of the explainable error removed" if rung.step else ""
+    removed = f"; {_removed(rung.removed)}" if rung.step else ""
     return f"{what}: free-run error {quantity(entry['rmse'], unit)} RMSE on {judged}{share}{removed}."
+
+
+def _removed(share: float) -> str:
+    """Say which share of the explainable error a step removed.
+
+    Examples
+    --------
+    >>> _removed(0.97), _removed(-3.4)
+    ('97 % of the explainable error removed', 'by itself it removes none of the explainable error')
+    """
+    if share <= 0.0:
+        return "by itself it removes none of the explainable error"
+    return f"{percent(min(share, 1.0))} of the explainable error removed"

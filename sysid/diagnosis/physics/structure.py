@@ -36,6 +36,7 @@ from sysid.diagnosis.physics.search import Tangent, problem_point, refined
 from sysid.diagnosis.physics.setting import Plant, setting_of
 from sysid.diagnosis.physics.starts import wide_starts
 from sysid.diagnosis.physics.steps import enough_steps
+from sysid.diagnosis.structures.exercised import shows
 from sysid.diagnosis.structures.memory import Fits, key_of
 from sysid.diagnosis.structures.sides import with_forms_of
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
@@ -73,6 +74,8 @@ class PhysicsStructure:
     model : Model
         Start values, known values.
     initial_state : {"estimate", "rest"}
+    units : str
+        What is to be said of columns in other units than the model's.
 
     Attributes
     ----------
@@ -83,8 +86,10 @@ class PhysicsStructure:
 
     screened = 100
 
-    def __init__(self, record: Record, model: Model, initial_state: str = "estimate") -> None:
-        self.record = record
+    def __init__(
+        self, record: Record, model: Model, initial_state: str = "estimate", units: str = ""
+    ) -> None:
+        self.record, self.units = record, units
         self.name = model.name
         self.general = is_general(model)
         plant: Plant = (
@@ -128,7 +133,7 @@ class PhysicsStructure:
 
     def _makes_sense(self, effect: Effect) -> bool:
         port = self.plant.port
-        if "physics" not in effect.families:
+        if "physics" not in effect.families or not shows(self.record, effect):
             return False
         if effect.port in ("force", "gain", "flow") and not (has_law(effect) or is_own(effect)):
             return False

@@ -47,9 +47,12 @@ def plain_errors(J: Floats, residual: Floats, runs: Sequence[slice], noise: Floa
     >>> round(float(coloured / white), 1)
     3.0
     """
-    scale = np.linalg.norm(J, axis=0)
-    lost = scale == 0.0
-    left, sizes, right = np.linalg.svd(J / np.where(lost, 1.0, scale), full_matrices=False)
+    with np.errstate(over="ignore"):
+        scale = np.linalg.norm(J, axis=0)
+    lost = (scale == 0.0) | ~np.isfinite(scale)  # a slope beyond all bounds tells as little as none
+    left, sizes, right = np.linalg.svd(
+        np.where(lost, 0.0, J) / np.where(lost, 1.0, scale), full_matrices=False
+    )
     seen = sizes > UNSEEN * sizes.max(initial=0.0)
     innovations, forward = [np.empty(0)], np.empty((residual.size, int(seen.sum())))
     for rows in runs:
