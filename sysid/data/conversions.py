@@ -93,10 +93,10 @@ def _families() -> tuple[dict[str, float], ...]:
 FAMILIES = _families()
 
 
-def conversion(given: str, wanted: str) -> float | None:
+def conversion(given: str, wanted: str, *, may_turn: bool = True) -> float | None:
     """Return how many of a given unit make one of the wanted unit; None if they measure different things.
 
-    What moves in metres may turn in radians: the equations are the same.
+    What moves in metres may turn in radians, unless it is said that it does not: the equations are the same.
 
     Examples
     --------
@@ -106,15 +106,17 @@ def conversion(given: str, wanted: str) -> float | None:
     (9.549, 57.296)
     """
     one, other = _plain(given), _plain(wanted)
-    for meant in (other, ROTARY.get(other, other)):
+    for meant in (other, ROTARY.get(other, other) if may_turn else other):
         for family in FAMILIES:
             if one in family and meant in family:
                 return family[one] / family[meant]
     return None
 
 
-def other_units(unit: str) -> dict[str, float]:
+def other_units(unit: str, *, may_turn: bool = True) -> dict[str, float]:
     """Return units in which the same is often measured instead, and how many of each make one.
+
+    ``may_turn`` tells whether what moves in metres may turn in radians.
 
     Examples
     --------
@@ -123,7 +125,7 @@ def other_units(unit: str) -> dict[str, float]:
     """
     plain = _plain(unit)
     names = [name for family in FAMILIES for name in family if name not in RARE]
-    sizes = {name: conversion(name, plain) for name in names}
+    sizes = {name: conversion(name, plain, may_turn=may_turn) for name in names}
     return {name: size for name, size in sizes.items() if size is not None and size != 1.0}
 
 

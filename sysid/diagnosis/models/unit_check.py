@@ -238,8 +238,10 @@ def _possible(record: Record, model: Model, trial: Trial) -> dict[float, list[Co
     found: dict[float, list[Column]] = {}
     if len(trial.known) < FEWEST and not trial.fixed:
         return found
+    moves = any(state.unit in ("m/s", "rad/s") for state in model.states)
     for name, wanted, drives in _both(record, model):
-        for given, size in {} if record.unit(name) else other_units(wanted).items():
+        others = {} if record.unit(name) else other_units(wanted, may_turn=moves)
+        for given, size in others.items():
             column = Column(name, given, wanted, size, drives)
             found.setdefault(column.factor, []).append(column)
     return found
