@@ -22,7 +22,7 @@ TRUE = Stage(95.0, 170.0, 240.0, 20.0, -3.0)
 
 
 def reference():
-    """A force that moves the stage to and fro, four seconds long."""
+    """A force that moves the stage back and forth, four seconds long."""
     t = np.arange(4000) * PERIOD
     return 110.0 * np.sin(2.0 * np.pi * 0.6 * t) + 25.0 * np.sign(np.sin(2.0 * np.pi * 1.1 * t)) - 3.0
 
