@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sysid.diagnosis.decide.allowance import THIRD
 from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.evidence import told_apart
 from sysid.diagnosis.decide.residual_evidence import Evidence
@@ -34,10 +35,10 @@ def exchanged(trials: Trials, fit: StructureFit, n_given: int) -> StructureFit:
             options.sort(key=lambda effect: -statistics[effect.name])
             found = trials.ranked(without, options[:EXCHANGED], noise)
         limit = evidence.criterion(fit, noise) - SAME_CRITERION
-        if found and found[0].fit is not None and found[0].criterion < limit:
-            # What comes to stand here was chosen beside the one that is gone: it is next.
-            fit = found[0].fit
-        else:
+        best = found[0].fit if found and found[0].criterion < limit else None
+        fit = fit if best is None else best
+        # What comes to stand in its place was chosen beside the one that is gone: it is next.
+        if best is None or not trials.allowance.permits(THIRD):
             position += 1
     return fit
 

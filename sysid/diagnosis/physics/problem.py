@@ -27,6 +27,8 @@ COARSE_STEP = 0.35
 FURTHEST = 3.0
 # What a step with laws costs, one with dry friction, a run, and a row of it, in steps of a run without laws.
 LAW_STEP, DRY_STEP, RUN, ROW = 2, 6, 20_000, 25
+# States of the plants whose steps count as one; those of more cost as much more.
+USUAL_ORDER = 2
 # Step of the difference quotients, relative to the size of the unknown: truncation and rounding both
 # stay below 1e-5 of the derivative.
 DIFFERENCE = 1e-6
@@ -176,7 +178,8 @@ class Problem:
         if pace > self.budget.fastest:
             return np.full((points.shape[0], u.shape[0]), np.nan)
         self.budget.left -= lanes * u.shape[0] * steps
-        self.budget.work += int(lanes * u.shape[0] * steps * self._weight) + RUN + ROW * u.shape[0]
+        stepped = lanes * u.shape[0] * steps * self._weight * max(plant.order / USUAL_ORDER, 1.0)
+        self.budget.work += int(stepped) + RUN + ROW * u.shape[0]
         y = plant.run(values, laws, driven, starts, steps, states, self.exact, self.own)
         return self._outputs(y if which is None else y[which], u[:, 0], effects, rounded)
 
