@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from sysid.diagnosis.decide.acceptance import is_accepted, is_significant, tied
+from sysid.diagnosis.decide.allowance import REVISED
 from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
 from sysid.diagnosis.decide.revision import exchanged, freed, pruned, still_tied
@@ -92,7 +93,9 @@ class Growth:
             if not further:
                 tie = tied(evidence, found)
             if len(grown.choices) > n_given + 1:
-                grown = pruned(evidence, exchanged(self.trials, grown, n_kept), n_kept)
+                if self.trials.allowance.permits(REVISED):
+                    grown = exchanged(self.trials, grown, n_kept)
+                grown = pruned(evidence, grown, n_kept)
             grown = evidence.settled(freed(evidence, grown, n_kept))
             if evidence.own_criterion(grown) >= evidence.own_criterion(current):
                 break  # what was accepted has been exchanged or left out again
