@@ -100,6 +100,11 @@ class Record:
         ends = (*self.starts[1:], self.n_samples)
         return tuple(slice(start, end) for start, end in zip(self.starts, ends, strict=True))
 
+    @property
+    def longest(self) -> float:
+        """Duration of the longest experiment [s]."""
+        return float(self.period * max(part.stop - part.start for part in self.slices))
+
     @cached_property
     def estimation(self) -> Mask:
         """Rows on which a model is estimated, validation rows left out."""

@@ -155,4 +155,7 @@ def _all_pole(signal: Floats, a: Floats) -> Floats:
 
 def backwards(rows: Floats, noise: Floats) -> Floats:
     """Filter each row by 1/D in reversed time."""
-    return np.vstack([_all_pole(np.ascontiguousarray(row[::-1]), noise)[::-1] for row in rows])
+    filtered = np.empty(rows.shape)
+    for place, row in enumerate(rows):
+        filtered[place] = _all_pole(np.ascontiguousarray(row[::-1]), noise)[::-1]
+    return filtered

@@ -49,8 +49,7 @@ def is_accepted(
         and evidence.own_criterion(trial.fit) < evidence.own_criterion(current)
         and chance_under_own_noise(evidence, trial, current) < evidence.alpha
     )
-    record = evidence.structure.record
-    longest = record.period * max(part.stop - part.start for part in record.slices)
+    longest = evidence.structure.record.longest
     if not agreed or not swings(trial.fit, longest) or rests_on_few_rows(evidence, trial, current):
         return False
     if not _holds(evidence, trial, current):

@@ -46,9 +46,8 @@ def mechanism(effect: "Effect", diagnosis: "Outcome") -> str:
 
 def _vibrates(diagnosis: "Outcome") -> bool:
     """Tell whether an added mode rings, and swings at least once in the longest experiment."""
-    record, fitted = diagnosis.record, diagnosis.final.fitted
-    longest = record.period * max(part.stop - part.start for part in record.slices)
-    return rings(fitted) and swings(fitted, longest)
+    fitted = diagnosis.final.fitted
+    return rings(fitted) and swings(fitted, diagnosis.record.longest)
 
 
 def _moves(record: "Record") -> bool | None:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.linear.kernels import polynomial_filter
+from sysid.linear.uncertainty import backwards
 
 # Singular values below this share of the largest belong to directions that the output does not show,
 # unknowns with more than this share in such a direction have no standard error.
@@ -57,21 +57,10 @@ def plain_errors(J: Floats, residual: Floats, runs: Sequence[slice], noise: Floa
     innovations, forward = [np.empty(0)], np.empty((residual.size, int(seen.sum())))
     for rows in runs:
         innovations.append(np.convolve(residual[rows], noise)[noise.size - 1 : residual[rows].size])
-        forward[rows] = _backwards(left[rows][:, seen], noise)
+        forward[rows] = backwards(left[rows][:, seen].T, noise).T
     driving = np.concatenate(innovations)
     spread = np.linalg.norm(driving) / np.sqrt(max(driving.size - J.shape[1], 1))
     errors = spread * np.linalg.norm(forward @ (right[seen] / sizes[seen, np.newaxis]), axis=0)
     errors /= np.where(lost, 1.0, scale)
     errors[lost | (np.abs(right[~seen]).max(axis=0, initial=0.0) > LOOSE)] = np.inf
     return np.asarray(errors)
-
-
-def _backwards(columns: Floats, noise: Floats) -> Floats:
-    """Filter each column by 1/D in reversed time."""
-    out, b = np.empty_like(columns), np.eye(1, noise.size)[0]
-    for column in range(columns.shape[1]):
-        filtered = np.empty(columns.shape[0])
-        reversed_column = np.ascontiguousarray(columns[::-1, column])
-        polynomial_filter(b, noise, reversed_column, np.zeros(noise.size - 1), filtered)
-        out[:, column] = filtered[::-1]
-    return out
