@@ -172,6 +172,10 @@ def test_a_diagnosis_goes_on_from_a_saved_physical_model(tmp_path):
         ({"period": -1.0}, "period: -1 is no positive number"),
         ({"constant": float("nan")}, "coefficients: nan is no finite number"),
         ({"effects": [{"name": "in_saturation", "form": "symmetric", "parameters": {}}]}, "'level'"),
+        (
+            {"effects": [LIMIT.to_json() | {"parameters": {"level": -0.5}}]},
+            "in_saturation.level is -0.5, and must be between 0 and inf",
+        ),
         ({"effects": [{"name": "nothing", "form": "x", "parameters": {}}]}, "'nothing' is not known"),
         ({"kind": "sysid-lft-model"}, "it holds 'sysid-lft-model'"),
     ],

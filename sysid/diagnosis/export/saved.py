@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid.diagnosis.export.saved_effects import read_saved_effects, saved_effects
+from sysid.diagnosis.export.saved_effects import SavedEffect, read_saved_effects, saved_effects
 from sysid.diagnosis.export.saved_linear import KIND, SCHEMA, SavedModel
 from sysid.diagnosis.export.saved_physics import KIND as PHYSICAL
 from sysid.diagnosis.export.saved_physics import SavedPhysicalModel, saved_physical_model
@@ -142,6 +142,7 @@ def load(path: Path | str) -> Saved:
         effects = read_saved_effects(content["effects"])
         own = [value for effect in effects for value in effect.values]
         _check_numbers(path, "parameters of its effects", own)
+        _check_ranges(path, effects)
         _check_numbers(path, "period", [content["period"]], positive=True)
         if content["kind"] == PHYSICAL:
             period, steps, hold = float(content["period"]), int(content["substeps"]), str(content["hold"])
@@ -170,6 +171,17 @@ def _check_numbers(path: Path, what: str, values: Sequence[float], *, positive: 
         if not isfinite(value) or (positive and value <= 0.0):
             rule = "positive" if positive else "finite"
             raise DataError(f"{path}: {what}: {value:g} is no {rule} number, save the model again")
+
+
+def _check_ranges(path: Path, effects: Sequence[SavedEffect]) -> None:
+    """Raise DataError where a parameter of an effect is none that a fit can give."""
+    for effect in effects:
+        for parameter, value in zip(effect.choice.form.parameters, effect.values, strict=True):
+            if not parameter.minimum <= value <= parameter.maximum:
+                raise DataError(
+                    f"{path}: {effect.name}.{parameter.name} is {value:g}, and must be between "
+                    f"{parameter.minimum:g} and {parameter.maximum:g}: save the model again"
+                )
 
 
 def _json_text(saved: Saved) -> str:
