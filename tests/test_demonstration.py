@@ -123,6 +123,23 @@ def test_tanks_settle_where_the_square_root_law_says_and_stop_at_the_rim():
     assert tanks.response(u, Inside(root=True, rim=0.7))[-1] == 0.7
 
 
+def test_what_comes_in_above_the_rim_does_not_flow_on():
+    tanks = Plant("two-tanks", {"a1": 0.05, "a2": 0.04, "b": 0.05}, 5.0)
+    u = np.abs(steps(60, seed=4, hold=5))
+    rim, count = 1.6, 2000
+    upper, lower, y = 0.0, 0.0, []
+    for value in u:
+        y.append(lower)
+        for _ in range(count):  # first-order steps, 1/200 of ours
+            between = 0.05 * upper
+            upper = min(upper + 5.0 / count * (0.05 * value - between), rim)
+            lower = min(lower + 5.0 / count * (between - 0.04 * lower), rim)
+    found = tanks.response(u, Inside(rim=rim))
+    assert np.mean(np.isclose(y, rim)) < 0.5 < np.max(y)
+    # Both are of first order where a tank begins to run over: 5e-5 here; 1e-2 where what is above flows on.
+    np.testing.assert_allclose(found, y, atol=2e-4)
+
+
 def test_a_linear_plant_has_no_share_beyond_linear_models():
     plant = draw_plant(np.random.default_rng(7), "difference-equation", order=2)
     u = steps(1500)

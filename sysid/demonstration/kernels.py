@@ -285,7 +285,9 @@ def tanks_response(
             for stage in range(4):
                 share = 0.0 if stage == 0 else (step if stage == 3 else 0.5 * step)
                 before = max(stage - 1, 0)
-                one, two = upper + share * slopes[before, 0], lower + share * slopes[before, 1]
+                # Within a step, too, nothing stands above the rim: it would flow on otherwise.
+                one = min(upper + share * slopes[before, 0], rim)
+                two = min(lower + share * slopes[before, 1], rim)
                 if root:
                     first, second = (
                         outflow[0] * math.sqrt(max(one, 0.0)),
