@@ -21,14 +21,19 @@ from sysid.diagnosis.structures.structure import WHITE, Choice, FittedParameter
 DEPENDENT = 1e-10
 
 
+def units_of(record: Record) -> dict[str, str]:
+    """Return the units of a linear model: a force acts at the input, a speed is a change in a sample."""
+    u_unit, y_unit = (record.unit(names[0]) for names in (record.inputs, record.outputs))
+    return {"u": u_unit, "y": y_unit, "x": y_unit, "v": y_unit, "F": u_unit}
+
+
 def named_parameters(record: Record, chain: Chain, data: Data, point: Floats) -> tuple[FittedParameter, ...]:
     """Return the parameters of a point with their units, without standard errors."""
-    u_unit, y_unit = (record.unit(names[0]) for names in (record.inputs, record.outputs))
-    units = {"u": u_unit, "y": y_unit, "x": y_unit, "v": y_unit, "F": u_unit}
+    units = units_of(record)
     gain = EffectParameter("b", "[y]/[u]", "").unit_with(units)
     names = [(f"a{i}", "") for i in range(1, chain.order + 1)]
     names += [(f"b{i}", gain) for i in range(1, chain.order + 1)]
-    names += [("constant", y_unit)] * chain.constant
+    names += [("constant", units["y"])] * chain.constant
     found = [
         FittedParameter(name, float(value), np.nan, unit)
         for (name, unit), value in zip(names, point, strict=False)

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid.diagnosis.effect_views import effect_views
 from sysid.diagnosis.pages.content import Content, Section, Table
 from sysid.diagnosis.pages.drawing import (
     NARROW,
@@ -16,6 +17,7 @@ from sysid.diagnosis.pages.drawing import (
     plain,
 )
 from sysid.diagnosis.pages.figures import port_pictures
+from sysid.diagnosis.pages.figures_effects import effect_pictures
 from sysid.diagnosis.pages.figures_run import seconds_of
 from sysid.diagnosis.pages.report_words import sentences
 from sysid.diagnosis.wording import percent, plus_minus, quantity, significant, value_beside
@@ -38,6 +40,7 @@ def content_of(diagnosis: "Outcome") -> Content:
             tables=(_ladder_table(diagnosis, judged),),
             pictures=(_ladder_picture(diagnosis, judged), _runs_picture(diagnosis)),
         ),
+        Section("What was added", pictures=tuple(effect_pictures(effect_views(final)))),
         Section(
             "Candidates",
             (

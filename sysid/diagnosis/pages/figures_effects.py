@@ -1,0 +1,60 @@
+"""Pictures of what the added effects do: their laws over the data, or their courses."""
+
+from functools import partial
+from typing import Any
+
+from sysid.diagnosis.effect_views import EffectView
+from sysid.diagnosis.pages.drawing import WIDE, Picture, drawn_picture, legend, line_look, plain
+from sysid.reporting.style import COLOURS, GREY, subplots
+
+HEIGHT, BINS = 3.1, 60
+READINGS = {
+    "law": "Solid as it was found, dashed without the effect; below, where the data are.",
+    "loop": "The force along the motion in the last rows of the longest experiment: what a loop encloses "
+    "turns into heat.",
+    "course": "What enters and what leaves, in the rows in which they differ most.",
+    "time": "Solid as it was found, dashed without the effect.",
+}
+
+
+def effect_pictures(views: tuple[EffectView, ...]) -> list[Picture]:
+    """Draw a picture of each view."""
+    return [drawn_picture(partial(effect_figure, view)) for view in views]
+
+
+def effect_figure(view: EffectView, width: float = WIDE) -> tuple[Any, str, str]:
+    """Draw a view.
+
+    Parameters
+    ----------
+    view : EffectView
+    width : float
+        Width of the figure [inch].
+
+    Returns
+    -------
+    figure : matplotlib.figure.Figure
+    title, reading : str
+    """
+    if view.seen.size:
+        figure, (axes, below) = subplots(2, 1, width=width, height=HEIGHT, height_ratios=(5, 1), sharex=True)
+        below.hist(view.seen, bins=BINS, color=COLOURS[0], alpha=0.45)
+        below.set_yticks([])
+        below.set_ylabel("data")
+    else:
+        figure, axes = subplots(width=width, height=HEIGHT)
+        below = axes
+    names = ("what leaves", "what enters") if view.kind == "course" else (view.effect, "without it")
+    axes.axhline(0.0, color=GREY, linewidth=0.6)
+    axes.plot(view.value, view.law, **line_look(0) | {"linewidth": 1.5}, label=names[0])
+    if view.kind != "loop":
+        axes.plot(view.value, view.without, **line_look(1), label=names[1])
+    axes.set_ylabel(_label(view.result, view.result_unit))
+    below.set_xlabel(_label(view.quantity, view.unit))
+    axes.margins(x=0.0)
+    legend(axes)
+    return figure, f"What {plain(view.effect)} does", READINGS[view.kind]
+
+
+def _label(name: str, unit: str) -> str:
+    return f"{plain(name)} [{plain(unit) or '–'}]"
