@@ -380,7 +380,9 @@ def test_the_command_writes_what_others_read(tmp_path, capsys):
     assert [row["k"] for row in rows] == [str(k) for k in range(1200)]
     assert rows[-1]["measured"] == ""
     assert all(np.isfinite(float(row["final"])) for row in rows)
-    assert "in_saturation" in files["html"].read_text()
+    page = files["html"].read_text()
+    assert "What in_saturation does" in page
+    assert "≤ 0.0005" in page
     assert files["pdf"].read_bytes().startswith(b"%PDF")
     saved = load(files["toml"])
     u = make_case("in_saturation")[0]

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid.diagnosis.decide.evidence import REPLICATES
 from sysid.diagnosis.effect_views import effect_views
 from sysid.diagnosis.pages.content import Content, Section, Table
 from sysid.diagnosis.pages.drawing import (
@@ -87,7 +88,7 @@ def _candidates(diagnosis: "Outcome") -> Table:
     rows = tuple(
         (
             entry["effect"],
-            _number(entry["p_value"], significant),
+            _number(entry["p_value"], _chance),
             _number(entry["delta_bic"], significant),
             _number(entry["nrmse_validation"], percent),
             ", ".join(
@@ -111,6 +112,12 @@ def _parameters(diagnosis: "Outcome") -> Table:
         for p in diagnosis.final.parameters
     )
     return Table("With 95 % intervals.", ("parameter", ">value", ">interval", "unit"), rows)
+
+
+def _chance(p_value: float) -> str:
+    """Return a p-value; one that no simulated record reached is smaller than can be told."""
+    least = 1.0 / (REPLICATES + 1)
+    return f"≤ {least:g}" if p_value <= least else significant(p_value)
 
 
 def _number(value: float | None, words: Any) -> str:
