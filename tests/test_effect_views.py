@@ -121,6 +121,40 @@ def test_a_force_is_drawn_by_what_it_depends_on(effect, on, unit, force):
     assert view.seen.size == N
 
 
+def drag_in_a_sample(u):
+    """Return y(k) = 0.8 y(k-1) + 0.5 x(k-1), where x = u - 0.8 v |v| and v = y(k) - y(k-1)."""
+    y, x = np.zeros(N), np.zeros(N)
+    for k in range(N):
+        if k:
+            y[k] = 0.8 * y[k - 1] + 0.5 * x[k - 1]
+        v = y[k] - y[k - 1] if k else 0.0
+        x[k] = u[k] - 0.8 * v * abs(v)
+    return y + 0.002 * np.random.default_rng(3).standard_normal(N)
+
+
+@pytest.mark.parametrize(
+    ("effect", "port", "of"),
+    [
+        ("in_deadzone", "input", lambda u: behind(np.sign(u) * np.maximum(np.abs(u) - 0.4, 0.0))),
+        ("quad_drag", "velocity", drag_in_a_sample),
+    ],
+)
+def test_a_curve_that_knows_no_law_agrees_with_the_law(effect, port, of):
+    u = slow(1)
+    record = make_record(u, of(u), PERIOD)
+    found = sysid.diagnose(record, "linear", 1, initial_state="rest", effects=[effect])
+    (view,) = found.views
+    assert view.port == port
+    free, law = view.free, np.interp(view.free.value, view.value, view.law)
+    inside = (free.value > view.value[0]) & (free.value < view.value[-1])
+    near = (free.lower <= law) & (law <= free.upper)
+    # Pointwise at 95 %, and neighbours move together.
+    assert np.mean(near[inside]) > 0.8
+    assert np.abs(free.centre - law)[inside].max() < 0.1 * np.ptp(law)
+    with_it = effect_pictures((view,))[0]
+    assert "without knowing the law" in with_it.reading
+
+
 def test_views_become_pictures_with_a_reading():
     u = slow(1)
     view = view_of(u, behind(np.clip(u, -0.5, 0.6)), "in_saturation")
@@ -128,6 +162,7 @@ def test_views_become_pictures_with_a_reading():
     assert picture.title == "What in_saturation does"
     assert picture.wide.startswith("<svg") or "<svg" in picture.wide
     assert "dashed without the effect" in picture.reading
+    assert "free form" not in picture.reading
 
 
 def test_an_effect_that_is_a_number_alone_has_no_picture():

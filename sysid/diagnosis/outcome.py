@@ -15,6 +15,7 @@ from sysid.result_files import finite
 
 if TYPE_CHECKING:
     from sysid.diagnosis.comparison.where import Finding
+    from sysid.diagnosis.effect_views import EffectView
     from sysid.diagnosis.ports import PortCurve
 
 
@@ -89,6 +90,17 @@ class Outcome:
         # The rows of the search say all that a curve shows, in a fraction of the time of all rows.
         structure = self.structure if self.searched is None else self.searched
         return curves_at_ports(structure) if self.verdict == "unexplained" else ()
+
+    @cached_property
+    def views(self) -> "tuple[EffectView, ...]":
+        """What each effect of the final model does; a single one beside a curve of free form."""
+        from sysid.diagnosis.effect_views import effect_views, with_free_curve
+
+        views = effect_views(self.final)
+        if len(self.final.fitted.choices) > 1:
+            return views
+        structure = self.structure if self.searched is None else self.searched
+        return tuple(with_free_curve(view, structure) for view in views)
 
     def ranked(self) -> list[dict[str, Any]]:
         """Return the single candidates, best first, as the JSON file has them."""

@@ -9,6 +9,7 @@ from sysid.diagnosis.comparison.series import judged_series
 from sysid.diagnosis.comparison.where import Finding, locate
 from sysid.diagnosis.decide.decision import Decision
 from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.ports.plants import PORTS
 from sysid.diagnosis.structures.structure import Structure
 from sysid.errors import SysidError
 
@@ -69,8 +70,8 @@ def _held_out_errors(record: "Record", decision: Decision) -> Floats:
     return np.array([np.sum((y - fit.output)[rows] ** 2) for fit in fits])
 
 
-def curves_at_ports(structure: Structure) -> "tuple[PortCurve, ...]":
-    """Fit a free-form curve at each port of the model without effects, what explains most first.
+def curves_at_ports(structure: Structure, ports: Sequence[str] = PORTS) -> "tuple[PortCurve, ...]":
+    """Fit a free-form curve at ports of the model without effects, what explains most first.
 
     Models whose ports cannot be opened have none.
 
@@ -78,6 +79,7 @@ def curves_at_ports(structure: Structure) -> "tuple[PortCurve, ...]":
     ----------
     structure : Structure
         Of a linear or physical model.
+    ports : sequence of {"input", "output", "position", "velocity"}
 
     Returns
     -------
@@ -94,10 +96,11 @@ def curves_at_ports(structure: Structure) -> "tuple[PortCurve, ...]":
         if isinstance(structure, LinearStructure):
             start = "estimate" if structure.free_start else "rest"
             linear = fit_output_error(record, structure.order, initial_state=start)
-            return explore_ports(record, linear)
+            return explore_ports(record, linear, ports=ports)
         if isinstance(structure, PhysicsStructure):
             start = "estimate" if structure.free_start else "rest"
-            return explore_ports(record, fit_physics(record, structure.model, initial_state=start))
+            physical = fit_physics(record, structure.model, initial_state=start)
+            return explore_ports(record, physical, ports=ports)
     except SysidError:
         return ()
     return ()

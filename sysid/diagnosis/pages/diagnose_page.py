@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.diagnosis.decide.evidence import REPLICATES
-from sysid.diagnosis.effect_views import effect_views
 from sysid.diagnosis.pages.content import Content, Section, Table
 from sysid.diagnosis.pages.drawing import (
     NARROW,
@@ -41,7 +40,7 @@ def content_of(diagnosis: "Outcome") -> Content:
             tables=(_ladder_table(diagnosis, judged),),
             pictures=(_ladder_picture(diagnosis, judged), _runs_picture(diagnosis)),
         ),
-        Section("What was added", pictures=tuple(effect_pictures(effect_views(final)))),
+        Section("What was added", pictures=tuple(effect_pictures(diagnosis.views))),
         Section(
             "Candidates",
             (

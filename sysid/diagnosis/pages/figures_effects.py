@@ -3,11 +3,15 @@
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from sysid.diagnosis.effect_views import EffectView
 from sysid.diagnosis.pages.drawing import WIDE, Picture, drawn_picture, legend, line_look, plain
 from sysid.reporting.style import COLOURS, GREY, subplots
 
 HEIGHT, BINS = 3.1, 60
+# The frame reaches this share beyond the law where a free curve is drawn with it.
+MARGIN = 0.15
 READINGS = {
     "law": "Solid as it was found, dashed without the effect; below, where the data are.",
     "loop": "The force along the motion in the last rows of the longest experiment: what a loop encloses "
@@ -15,6 +19,10 @@ READINGS = {
     "course": "What enters and what leaves, in the rows in which they differ most.",
     "time": "Solid as it was found, dashed without the effect.",
 }
+FREE = (
+    " Dotted, in its band, what the data say without knowing the law: a curve of free form that was fitted "
+    "instead of the effect; only its straight part, which no data tell, is taken from the law."
+)
 
 
 def effect_pictures(views: tuple[EffectView, ...]) -> list[Picture]:
@@ -45,6 +53,8 @@ def effect_figure(view: EffectView, width: float = WIDE) -> tuple[Any, str, str]
         figure, axes = subplots(width=width, height=HEIGHT)
         below = axes
     names = ("what leaves", "what enters") if view.kind == "course" else (view.effect, "without it")
+    if view.free is not None:
+        _draw_free(axes, view)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     axes.plot(view.value, view.law, **line_look(0) | {"linewidth": 1.5}, label=names[0])
     if view.kind != "loop":
@@ -53,7 +63,20 @@ def effect_figure(view: EffectView, width: float = WIDE) -> tuple[Any, str, str]
     below.set_xlabel(_label(view.quantity, view.unit))
     axes.margins(x=0.0)
     legend(axes)
-    return figure, f"What {plain(view.effect)} does", READINGS[view.kind]
+    reading = READINGS[view.kind] + FREE * (view.free is not None)
+    return figure, f"What {plain(view.effect)} does", reading
+
+
+def _draw_free(axes: Any, view: EffectView) -> None:
+    """Draw the free curve within the range of the law; its band may leave the frame where data are few."""
+    free = view.free
+    assert free is not None
+    axes.fill_between(free.value, free.lower, free.upper, color="#cfcfcf", linewidth=0)
+    axes.plot(free.value, free.centre, **line_look(2), label="free curve, 95 % band")
+    both = np.concatenate([view.law, view.without])
+    beyond = MARGIN * np.ptp(both)
+    axes.set_ylim(both.min() - beyond, both.max() + beyond)
+    axes.set_xlim(view.value[0], view.value[-1])
 
 
 def _label(name: str, unit: str) -> str:

@@ -1,11 +1,13 @@
-"""What the effects of a diagnosed model do in its record: laws and courses, as a figure shows them."""
+"""The law or the course of each effect of a model, from the signals that run between them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
+from sysid.diagnosis.effect_views.probing import is_instantaneous, is_static
+from sysid.diagnosis.effect_views.view import PER_SAMPLE, EffectView
 from sysid.diagnosis.effects.base import Floats, Map
 from sysid.diagnosis.export.saved import Saved, saved_model
 from sysid.diagnosis.export.saved_effects import SavedEffect
@@ -23,39 +25,6 @@ from sysid.physics.ports import Port
 POINTS, COURSE, LOOP = 401, 80, 450
 # Below this share of its largest value a response has died away.
 DIED_AWAY = 0.01
-# So many rows are changed, one at a time, to see which others feel it.
-PROBES = 8
-
-
-@dataclass(frozen=True, eq=False)
-class EffectView:
-    """A law or a course of an effect.
-
-    Attributes
-    ----------
-    effect : str
-    kind : {"law", "loop", "course", "time"}
-        What leaves by what enters; the same in the order of time; what enters and leaves over time;
-        what is multiplied or added over time.
-    quantity, unit, result, result_unit : str
-        Of the two axes.
-    value, law : ndarray, shape (n_points,)
-    without : ndarray, shape (n_points,)
-        The same without the effect.
-    seen : ndarray, shape (n_rows,)
-        Where the record is, on the horizontal axis; empty where that is the time.
-    """
-
-    effect: str
-    kind: str
-    quantity: str
-    unit: str
-    result: str
-    result_unit: str
-    value: Floats
-    law: Floats
-    without: Floats
-    seen: Floats
 
 
 def effect_views(model: DiagnosedModel) -> tuple[EffectView, ...]:
@@ -69,12 +38,12 @@ def effect_views(model: DiagnosedModel) -> tuple[EffectView, ...]:
     model : DiagnosedModel
     """
     try:
-        return _Views(model).views()
+        return _Signals(model).views()
     except SysidError:  # a model or an effect of the user's own class, a run that diverges from rest
         return ()
 
 
-class _Views:
+class _Signals:
     """The signals between the effects of a model, in one sequence for each experiment."""
 
     def __init__(self, model: DiagnosedModel) -> None:
@@ -138,9 +107,12 @@ class _Views:
             return EffectView(effect, "course", "time", "s", name, unit, t, x, s, np.zeros(0))
         if is_static(passed, seen):
             value = np.linspace(seen.min(), seen.max(), POINTS)
-            names = (name, f"{name} that acts") if at_input else (f"{name} before the sensor", f"{name} read")
+            enters, leaves = name, f"{name} that acts"
+            if not at_input:
+                enters, leaves = f"{name} before the sensor", f"{name} read"
+            at = port if at_input else ""
             return EffectView(
-                effect, "law", names[0], unit, names[1], unit, value, passed(value), value, seen
+                effect, "law", enters, unit, leaves, unit, value, passed(value), value, seen, at
             )
         added = passed(np.zeros(self.rows))
         if np.ptp(added) > 0.0:
@@ -217,19 +189,17 @@ class _Views:
         seen = seen[np.isfinite(seen)]
         value = np.union1d(np.linspace(seen.min(), seen.max(), POINTS), [0.0])
         force = np.array([evaluate(law, values | {on: float(a)}) for a in value])
-        return self._force_view(effect.name, "law", on, value, force, seen)
+        view = self._force_view(effect.name, "law", on, value, force, seen)
+        return replace(view, port="") if effect.effect.dry else view
 
     def _force_view(
         self, effect: str, kind: str, on: str, value: Floats, force: Floats, seen: Floats
     ) -> EffectView:
-        quantity = {"x": "position", "v": "velocity"}[on]
-        unit = self.units[on]
+        quantity = port = {"x": "position", "v": "velocity"}[on]
         if on == "v" and isinstance(self.saved, SavedModel):
-            quantity, unit = "change in a sample", unit
-        nothing = np.zeros(value.size)
-        return EffectView(
-            effect, kind, quantity, unit, "force against it", self.units["F"], value, force, nothing, seen
-        )
+            quantity = PER_SAMPLE
+        names = quantity, self.units[on], "force against it", self.units["F"]
+        return EffectView(effect, kind, *names, value, force, np.zeros(value.size), seen, port)
 
     def _gain(self, effect: SavedEffect) -> EffectView | None:
         form = effect.choice.form
@@ -246,44 +216,6 @@ class _Views:
 
 def _passed(apply: Map, p: Floats, period: float, s: Floats) -> Floats:
     return np.asarray(apply(s, p, period))
-
-
-def is_instantaneous(passed: Callable[[Floats], Floats], seen: Floats) -> bool:
-    """Tell whether what leaves a map depends on what enters in the same row alone, tried on values seen.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> seen = np.linspace(-1.0, 1.0, 50)
-    >>> is_instantaneous(np.abs, seen), is_instantaneous(np.cumsum, seen)
-    (True, False)
-    """
-    rng = np.random.default_rng(0)
-    mixed = rng.permutation(seen)
-    before = passed(mixed)
-    for row in rng.integers(seen.size, size=PROBES):
-        other = mixed.copy()
-        other[row] = seen[rng.integers(seen.size)]
-        moved = passed(other) != before
-        moved[row] = False
-        if moved.any():
-            return False
-    return True
-
-
-def is_static(passed: Callable[[Floats], Floats], seen: Floats) -> bool:
-    """Tell whether a map that depends on no other row does not depend on the time either.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> seen = np.linspace(-1.0, 1.0, 50)
-    >>> is_static(np.abs, seen), is_static(lambda s: s + np.arange(s.size), seen)
-    (True, False)
-    """
-    rng = np.random.default_rng(0)
-    order = rng.permutation(seen.size)
-    return bool(np.array_equal(passed(seen[order]), passed(seen)[order]))
 
 
 def _driven_state(
