@@ -56,7 +56,7 @@ def effect_figure(view: EffectView, width: float = WIDE) -> tuple[Any, str, str]
     if view.free is not None:
         _draw_free(axes, view)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
-    axes.plot(view.value, view.law, **line_look(0) | {"linewidth": 1.5}, label=names[0])
+    axes.plot(view.value, view.law, **line_look(0) | {"linewidth": 2.0}, label=names[0])
     if view.kind != "loop":
         axes.plot(view.value, view.without, **line_look(1), label=names[1])
     axes.set_ylabel(_label(view.result, view.result_unit))
@@ -72,7 +72,8 @@ def _draw_free(axes: Any, view: EffectView) -> None:
     free = view.free
     assert free is not None
     axes.fill_between(free.value, free.lower, free.upper, color="#cfcfcf", linewidth=0)
-    axes.plot(free.value, free.centre, **line_look(2), label="free curve, 95 % band")
+    over = line_look(2) | {"color": "black", "zorder": 3}  # where the law holds, it lies on it
+    axes.plot(free.value, free.centre, **over, label="free curve, 95 % band")
     both = np.concatenate([view.law, view.without])
     beyond = MARGIN * np.ptp(both)
     axes.set_ylim(both.min() - beyond, both.max() + beyond)
