@@ -68,6 +68,30 @@ def test_steps_become_as_fine_as_the_noise_asks():
     assert noisy.with_fine_steps(loose, WHITE) is loose
 
 
+def test_steps_follow_a_law_that_is_faster_than_its_slow_plant():
+    # A slide in a thick fluid: the linear friction is slow, one step a sample would do without the drag.
+    rng = np.random.default_rng(5)
+    mass, friction, drag, period = 90.0, 160.0, 1500.0, 0.06
+    u = 470.0 * rng.standard_normal(ROWS.size)
+    y, x, v, h = np.zeros(u.size), 0.0, 0.0, period / 200
+    for k in range(u.size):
+        y[k] = x
+        for _ in range(200):
+            middle = v + 0.5 * h * (u[k] - friction * v - drag * v * abs(v)) / mass
+            v += h * (u[k] - friction * middle - drag * middle * abs(middle)) / mass
+            x += h * middle
+    noisy = y + 0.01 * rng.standard_normal(u.size)
+    values = {"M": 80.0, "F_v": 180.0}
+    model = load_model("positioning-stage").with_parameters(start=values, fixed={"gain": 1.0, "offset": 0.0})
+    model = PhysicsStructure(make_record(u, noisy, period=period, split=ROWS), model, "rest")
+    rows = model.record.learning
+    coarse = model.fit([choice("quad_drag")], rows, WHITE, model.baseline(rows), effort=Effort.COARSE)
+    fine = model.with_fine_steps(coarse, WHITE)
+    assert fine.cost < 0.97 * coarse.cost
+    (found,) = model.finish(fine, WHITE).parameters[-1:]
+    assert abs(found.value - drag) < 3.5 * found.std_error
+
+
 def test_of_models_with_the_same_output_the_one_near_the_start_values_is_taken():
     # Tanks whose outflows change places, and the gain with them, have the same response.
     model, _ = structure("two-tanks", "", {}, seed=5)

@@ -11,8 +11,9 @@ from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.export.saved_effects import DIVERGES, SavedEffect, saved_effects
 from sysid.diagnosis.ladder import DiagnosedModel
 from sysid.diagnosis.physics.laws import INNER, coefficients, own_law
-from sysid.diagnosis.physics.problem import COARSE_STEP, problem_of
+from sysid.diagnosis.physics.problem import problem_of
 from sysid.diagnosis.physics.setting import Plant
+from sysid.diagnosis.physics.steps import enough_steps
 from sysid.diagnosis.physics.structure import PhysicsStructure
 from sysid.diagnosis.structures.structure import Choice
 from sysid.errors import ModelError
@@ -174,6 +175,6 @@ def saved_physical_model(model: DiagnosedModel) -> SavedPhysicalModel:
     named = dict(zip(plant.names, values.tolist(), strict=True))
     effects = saved_effects(problem.choices, [fit.point[place].tolist() for place in problem.effect_places])
     stepped = plant.always_steps or not problem.exact
-    steps = plant.substeps(values, COARSE_STEP)[0] if stepped else 1
+    steps = plant.substeps(values, enough_steps(problem, fit.point))[0] if stepped else 1
     text = model_text(structure.model.with_values(named))
     return SavedPhysicalModel(text, structure.record.period, plant.hold, steps, effects)

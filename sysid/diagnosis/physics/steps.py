@@ -9,6 +9,8 @@ from sysid.diagnosis.physics.problem import COARSE_STEP, Problem
 # rows, all of it in one direction, that is a third of a standard error.
 UNSEEN_CHANGE = 0.005
 HALVINGS = 3
+# How often the largest step is halved, at most, until a slow plant takes more steps in a sample.
+VAIN_HALVINGS = 12
 
 
 def enough_steps(problem: Problem, point: Floats) -> float:
@@ -32,12 +34,29 @@ def enough_steps(problem: Problem, point: Floats) -> float:
     noise = float(np.sqrt(np.mean(problem.residual(point) ** 2)))
     output = _output(problem, point, largest)
     for _ in range(HALVINGS):
-        finer = _output(problem, point, 0.5 * largest)
+        shorter = _halved(problem, point, largest)
+        finer = _output(problem, point, shorter)
         change = float(np.sqrt(np.mean((finer - output) ** 2)))
         if not change > UNSEEN_CHANGE * noise:
             break
-        largest, output = 0.5 * largest, finer
+        largest, output = shorter, finer
     return largest
+
+
+def _halved(problem: Problem, point: Floats, largest: float) -> float:
+    """Return a largest step by which a sample has at least twice as many steps.
+
+    A plant slower than its sampling takes one step in a sample by many a largest step, while a law inside it
+    may be far faster: of steps that stay as they are nothing could be learnt.
+    """
+    plant, values = problem.setting.plant, problem.setting.values_of(point)
+    few = plant.substeps(values, largest)[0]
+    shorter = 0.5 * largest
+    for _ in range(VAIN_HALVINGS):
+        if plant.substeps(values, shorter)[0] >= 2 * few:
+            break
+        shorter *= 0.5
+    return shorter
 
 
 def _output(problem: Problem, point: Floats, largest: float) -> Floats:
