@@ -81,6 +81,33 @@ def delayed(u: Floats, p: Floats, period: float) -> Floats:
     return np.asarray(delay(u, p[0] / period))
 
 
+def _at_first(u: Floats) -> float:
+    """Return how a switch stands at first if nothing else is known."""
+    return 1.0 if u.size and u[0] > 0.0 else -1.0
+
+
+def _hysteresis(u: Floats, p: Floats, period: float) -> Floats:
+    from sysid.diagnosis.effects.maps import hysteresis_relay
+
+    return np.asarray(hysteresis_relay(u, p[0], p[0], _at_first(u)))
+
+
+def _hysteresis_two_sided(u: Floats, p: Floats, period: float) -> Floats:
+    from sysid.diagnosis.effects.maps import hysteresis_relay
+
+    return np.asarray(hysteresis_relay(u, p[0], p[1], _at_first(u)))
+
+
+def _hysteresis_left(u: Floats, p: Floats, period: float) -> Floats:
+    from sysid.diagnosis.effects.maps import hysteresis_relay
+
+    return np.asarray(hysteresis_relay(u, p[0], p[1], p[2]))
+
+
+def _threshold(name: str, side: str) -> EffectParameter:
+    return EffectParameter(name, "[u]", f"threshold of switching{side}", THRESHOLDS, minimum=0.0)
+
+
 RISES = Grid("input rise", (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9))
 
 
@@ -206,10 +233,34 @@ EFFECTS = (
         "in_hysteresis",
         "input",
         "A switch with memory: on above one threshold, off below another (thermostat, Schmitt trigger).",
-        "x = 1 after u > width, -1 after u < -width, held between; the level is in the model's gain",
+        "x = 1 after u > width, -1 after u < -width, held between, at first with the sign of u or as it was "
+        "left; the level is in the model's gain",
         "the output jumps at different inputs on the way up and on the way down",
         "in_relay switches at the same input both ways; in_backlash keeps a slope",
         "Visintin (1994), Differential Models of Hysteresis",
-        _sided("hysteresis_relay", "width", "threshold of switching", THRESHOLDS, smooth=False),
+        (
+            Form("symmetric", (_threshold("width", ""),), _hysteresis, smooth=False),
+            Form(
+                "two-sided",
+                (
+                    _threshold("width_negative", ", negative side"),
+                    _threshold("width_positive", ", positive side"),
+                ),
+                _hysteresis_two_sided,
+                smooth=False,
+            ),
+            Form(
+                "left as it was",
+                (
+                    _threshold("width_negative", ", negative side"),
+                    _threshold("width_positive", ", positive side"),
+                    EffectParameter(
+                        "before", "1", "where it stood before the first switch, -1 to 1", None, -1.0, 1.0
+                    ),
+                ),
+                _hysteresis_left,
+                smooth=False,
+            ),
+        ),
     ),
 )

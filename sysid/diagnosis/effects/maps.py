@@ -57,10 +57,10 @@ def play(u: Floats, lower: float, upper: float) -> Floats:
 
 
 @compiled
-def hysteresis_relay(u: Floats, lower: float, upper: float) -> Floats:
-    """Return +1 after the input rose above upper, -1 after it fell below -lower; it starts with its sign."""
+def hysteresis_relay(u: Floats, lower: float, upper: float, before: float) -> Floats:
+    """Return +1 after the input rose above upper, -1 after it fell below -lower; ``before`` at first."""
     x = np.empty_like(u)
-    output = 1.0 if u.size and u[0] > 0.0 else -1.0
+    output = before
     for k in range(u.size):
         if u[k] > upper:
             output = 1.0

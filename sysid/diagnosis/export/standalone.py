@@ -23,6 +23,7 @@ _MAPS = {
     ("in_rate_limit", "two-sided"): "rate_limit(s, p[0] * T, p[1] * T)",
     ("in_hysteresis", "symmetric"): "hysteresis(s, p[0], p[0])",
     ("in_hysteresis", "two-sided"): "hysteresis(s, p[0], p[1])",
+    ("in_hysteresis", "left as it was"): "hysteresis(s, p[0], p[1], p[2])",
     ("time_variation", "ramp"): "s * (1.0 + p[0] * T * np.arange(s.size))",
     ("time_variation", "step"): "s * (1.0 + p[0] * np.clip(T * np.arange(s.size) - p[1] + T, 0.0, T) / T)",
     ("out_saturation", "symmetric"): "np.clip(s, -p[0], p[0])",
@@ -60,8 +61,8 @@ _HELPERS = {
         out.append(x)
     return np.array(out)
 """,
-    "hysteresis": """def hysteresis(s, lower, upper):
-    x, out = (1.0 if s[0] > 0 else -1.0), []
+    "hysteresis": """def hysteresis(s, lower, upper, before=None):
+    x, out = (1.0 if s[0] > 0 else -1.0) if before is None else before, []
     for value in s:
         x = 1.0 if value > upper else (-1.0 if value < -lower else x)
         out.append(x)

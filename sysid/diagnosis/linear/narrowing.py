@@ -12,6 +12,8 @@ GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 CLOSER = (0.12, 0.015)
 # Of the values between which a threshold moves in vain, so many on either side are tried at a time.
 NEIGHBOURS, MOST_WALKS = 3, 12
+# So many values are looked at until these are found.
+FARTHEST = 40
 
 
 class Narrowing:
@@ -67,9 +69,26 @@ class Narrowing:
             before = self.best.cost
             for i in range(len(self.grids)):
                 place = int(np.searchsorted(levels, self.best.point[self.shapes[i]])) - 1
-                for value in middles[max(place - NEIGHBOURS, 0) : place + NEIGHBOURS + 1].tolist():
-                    self._cost(i, value)
+                self._step(i, middles[max(place, 0) :])
+                self._step(i, middles[: max(place, 0)][::-1])
             if self.best.cost >= before:
+                return
+
+    def _step(self, i: int, values: Floats) -> None:
+        """Try a threshold in the next few cells on one side.
+
+        A switch that holds passes most levels in vain: it is they at which it does turn that count.
+        """
+        point, tried = self.best.point.copy(), 0
+        last = self.cell(point)
+        for value in values[:FARTHEST].tolist():
+            point[self.shapes[i]] = value
+            cell = self.cell(point)
+            if cell is not None and cell == last:
+                continue
+            last, tried = cell, tried + 1
+            self._cost(i, value)
+            if tried > NEIGHBOURS:
                 return
 
     def _golden(self, i: int, low: float, high: float, steps: int) -> None:

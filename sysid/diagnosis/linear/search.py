@@ -272,8 +272,8 @@ class EffectSearch:
         if self.chain.choices[-1].effect.port != "input" or apply is None:
             return lambda point: None
         before = self._before(point)
-        # With a strength of zero no shape would tell.
-        strengths = np.where(point == 0.0, 1.0, point)
+        # With a strength of zero no shape would tell, nor with one at which a map does as it does elsewhere.
+        strengths = np.where(point == 0.0, 0.5, point)
 
         def cell(point: Floats) -> bytes:
             own = np.where(self.others, strengths, point)[self.place]
