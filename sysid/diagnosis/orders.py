@@ -11,9 +11,10 @@ import numpy as np
 
 from sysid.diagnosis.decide.acceptance import is_better_held_out
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision
+from sysid.diagnosis.decide.evidence import TIED, block_separation
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.linear.structure import LinearStructure
-from sysid.diagnosis.structures.structure import WHITE, Structure
+from sysid.diagnosis.structures.structure import WHITE, Effort, Structure, StructureFit
 
 if TYPE_CHECKING:
     from sysid.diagnosis.ports import PortCurve
@@ -53,7 +54,8 @@ def with_effects(
     The order is chosen by the validation error of the model without effects.  Where that leaves something
     that nothing explains, or the record is so short that a higher order can hide it, a lower one is taken if
     with effects that no order does it comes closer, on held-out rows and by the information criterion; a
-    higher one, too, where the model without effects follows nothing.
+    higher one, too, where the model without effects follows nothing.  What was found may itself ask for
+    another order, and is then looked for again at that one.
 
     Parameters
     ----------
@@ -70,15 +72,47 @@ def with_effects(
     evidence = Evidence(structure, record.estimation, record.validation, alpha)
     blind = decision.verdict != "missing-effect" and _follows_nothing(evidence, decision)
     short = int(record.learning.sum()) < SHORT and decision.verdict in ("nothing-missing", "coloured-noise")
-    if not (blind or short or decision.verdict == "unexplained"):
+    better = _order_beside(evidence, decision)
+    if better is None and not (blind or short or decision.verdict == "unexplained"):
         return first
-    for order in _others(structure.order, blind):
+    for order in dict.fromkeys([*([] if better is None else [better]), *_others(structure.order, blind)]):
+        if order != better and decision.verdict == "missing-effect":
+            break
         other = LinearStructure(record, order, initial_state=structure.initial_state)
         found, curves = decide(other)
         named = found.verdict == "missing-effect" and not LINEAR.intersection(found.final.names)
-        if named and is_better_held_out(evidence, found.final, decision.final):
+        better_by = _is_likelier if order == better else is_better_held_out
+        if named and better_by(evidence, found.final, decision.final):
             return other, found, curves
     return first
+
+
+def _order_beside(evidence: Evidence, decision: Decision) -> int | None:
+    """Return the order that the effects that were found ask for, if it is another than the chosen one.
+
+    An order that was chosen without them takes up a part of what they do, or too little of the plant behind
+    them; what a higher order does as well is then found beside them as an effect of its own.
+    """
+    structure, rows = evidence.structure, evidence.rows
+    choices = tuple(choice for choice in decision.final.choices if choice.name not in LINEAR)
+    if not isinstance(structure, LinearStructure) or not choices:
+        return None
+    chosen, best = None, decision.final
+    for order in range(1, max(HIGHEST, structure.order) + 1):
+        if order == structure.order and choices == decision.final.choices:
+            continue
+        other = LinearStructure(structure.record, order, initial_state=structure.initial_state)
+        fit = other.fit(choices, rows, WHITE, other.baseline(rows), effort=Effort.COARSE)
+        if fit.usable and _is_likelier(evidence, fit, best):
+            chosen, best = order, fit
+    return None if chosen == structure.order else chosen
+
+
+def _is_likelier(evidence: Evidence, fit: StructureFit, other: StructureFit) -> bool:
+    """Tell whether a fit is better by its criterion, and no farther from held-out rows than by chance."""
+    after, before = (evidence.residual(each)[evidence.held_out] for each in (fit, other))
+    likelier = evidence.own_criterion(fit) < evidence.own_criterion(other)
+    return likelier and block_separation(before, after) < TIED
 
 
 def _follows_nothing(evidence: Evidence, decision: Decision) -> bool:

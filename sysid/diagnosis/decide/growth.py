@@ -8,7 +8,7 @@ from sysid.diagnosis.decide.acceptance import is_accepted, is_significant, tied
 from sysid.diagnosis.decide.allowance import REVISED
 from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
-from sysid.diagnosis.decide.revision import exchanged, freed, pruned, still_tied
+from sysid.diagnosis.decide.revision import exchanged, freed, pruned, simplified, still_tied
 from sysid.diagnosis.decide.rungs import rungs_to
 from sysid.diagnosis.decide.trials import POLISHED, Trials
 from sysid.diagnosis.effects.base import Effect
@@ -95,7 +95,7 @@ class Growth:
             if len(grown.choices) > n_given + 1:
                 if self.trials.allowance.permits(REVISED):
                     grown = exchanged(self.trials, grown, n_kept)
-                grown = pruned(evidence, grown, n_kept)
+                grown = simplified(evidence, pruned(evidence, grown, n_kept), n_kept)
             grown = evidence.settled(freed(evidence, grown, n_kept))
             if evidence.own_criterion(grown) >= evidence.own_criterion(current):
                 break  # what was accepted has been exchanged or left out again

@@ -1,5 +1,6 @@
 """Effects that were found earlier, seen again beside those found later: exchanged or left out."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from sysid.diagnosis.decide.evidence import told_apart
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.decide.trials import Trials
 from sysid.diagnosis.structures.sides import freer_forms
-from sysid.diagnosis.structures.structure import Effort, StructureFit, filtered
+from sysid.diagnosis.structures.structure import Choice, Effort, StructureFit, filtered
 
 # How many are tried in the place of one that was accepted before.
 EXCHANGED = 6
@@ -60,6 +61,39 @@ def freed(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:
     return fit
 
 
+def simplified(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:
+    """Leave out an effect where another one, given sides of its own, explains as much without it.
+
+    A two-sided form of an effect is tried alone only where its simple form leads: one that is very uneven
+    may look in its simple form like nothing, and beside the offset that it brings with it like itself.
+    """
+    shorter = True
+    while shorter:
+        shorter = False
+        noise = evidence.colour(fit)
+        for choices in _with_one_less(fit, n_given):
+            start = evidence.structure.fit(
+                tuple(choice for choice in fit.choices if choice.name in {c.name for c in choices}),
+                evidence.rows, noise.polynomial, fit, effort=Effort.REFIT,
+            )  # fmt: skip
+            other = evidence.structure.fit(
+                choices, evidence.rows, noise.polynomial, start, effort=Effort.COARSE
+            )
+            if other.usable and evidence.criterion(other, noise) <= evidence.criterion(fit, noise):
+                fit, shorter = other, True
+                break
+    return fit
+
+
+def _with_one_less(fit: StructureFit, n_given: int) -> Iterator[tuple[Choice, ...]]:
+    """Yield the effects of a fit without one of them, and with more freedom for another."""
+    for left_out in fit.choices[n_given:]:
+        others = [choice for choice in fit.choices if choice is not left_out]
+        for place, choice in enumerate(others[n_given:], n_given):
+            for form in freer_forms(choice):
+                yield (*others[:place], replace(choice, form=form), *others[place + 1 :])
+
+
 def still_tied(trials: Trials, fit: StructureFit, tie: tuple[str, ...]) -> tuple[str, ...]:
     """Return who of a tie still stands beside the effects that were found after it.
 
@@ -73,12 +107,12 @@ def still_tied(trials: Trials, fit: StructureFit, tie: tuple[str, ...]) -> tuple
     tie : tuple of str
         The accepted effect and those that could not be told from it while it was alone.
     """
-    if len(fit.choices) < 2:
-        return tie
     evidence, first = trials.evidence, tie[0]
-    others = tuple(choice for choice in fit.choices if choice.name != first)
     if first not in fit.names:
         return ()
+    if len(fit.choices) < 2:
+        return tie
+    others = tuple(choice for choice in fit.choices if choice.name != first)
     noise, rows = evidence.colour(fit), evidence.structure.record.learning
     without = evidence.structure.fit(others, evidence.rows, noise.polynomial, fit, effort=Effort.REFIT)
     own = filtered(evidence.residual(fit), rows, noise.polynomial)

@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from sysid.data.record import Mask
-from sysid.diagnosis.decide.acceptance import is_better_held_out
+from sysid.diagnosis.decide.acceptance import is_better_held_out, tied
 from sysid.diagnosis.decide.allowance import allowance_of
 from sysid.diagnosis.decide.attempt import Attempt
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
@@ -100,7 +100,9 @@ class Search:
             named = found.verdict != "unexplained" and not leaves_a_trace(found)
             if decision.verdict != "unexplained" or named:
                 attempt, decision = other, found
-        decision = replace(settled(attempt.trials, decision), cut_short=self.allowance.ended)
+        decision = replace(
+            settled(attempt.trials, _amended(attempt, decision)), cut_short=self.allowance.ended
+        )
         return with_every_candidate(decision, self.names, self._memory(attempt, decision))
 
     def _looks_at_other_rows(self, attempt: Attempt, decision: Decision) -> bool:
@@ -157,6 +159,20 @@ class Search:
         if NOISE_EFFECT not in self.names:
             return None
         return attempt.memory(decision.baseline)
+
+
+def _amended(attempt: Attempt, decision: Decision) -> Decision:
+    """Return a decision whose candidates and tie are those of the one effect that was found, where it is one.
+
+    It may have come to stand alone after another, beside which it was found, had been left out.
+    """
+    if len(decision.fits) != len(decision.given) + 1:
+        return decision
+    before = decision.fits[-2] if decision.given else decision.baseline
+    trials = attempt.trials.amended(before, decision.trials, decision.final)
+    if trials is decision.trials or trials[0].name != decision.final.choices[-1].name:
+        return replace(decision, trials=trials)
+    return replace(decision, trials=trials, tie=tied(attempt.evidence, trials))
 
 
 def _held_out_rows_show_more(evidence: Evidence, decision: Decision) -> bool:

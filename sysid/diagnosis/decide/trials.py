@@ -12,7 +12,14 @@ from sysid.diagnosis.decide.evidence import ScoreScreen, score_screen
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE, Noise
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.effects.base import Effect, Floats, Form
-from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit, filtered
+from sysid.diagnosis.structures.structure import (
+    WHITE,
+    Choice,
+    Effort,
+    StructureFit,
+    filtered,
+    with_fine_steps,
+)
 from sysid.diagnosis.structures.thresholds import is_switched_by_input
 from sysid.progress import Progress
 
@@ -63,8 +70,8 @@ class Trials:
         colour = self.evidence.colour(current)
         # Scores are those of the best fit only under the colour by which they are weighted.
         screen = self.screen(self.evidence.refitted(current, colour), candidates, colour)
-        if further and screen.p_value(max(screen.statistics.values())) >= self.evidence.alpha:
-            return ()  # the residual holds no structure any more
+        if further and self._nothing_left(current, candidates, screen):
+            return ()
         if len(current.choices) > self.evidence.n_given + 1 and not self.allowance.permits(THIRD):
             return ()
         ranking = sorted(candidates, key=lambda e: -screen.statistics[e.name])
@@ -80,6 +87,20 @@ class Trials:
         trials = self.ranked(current, chosen, colour)
         left = [Trial(e.name, None, WHITE_NOISE, np.inf, -np.inf) for e in ranking if e not in chosen]
         return self._judged(current, [*trials, *left], screen, colour)
+
+    def _nothing_left(self, current: StructureFit, candidates: Sequence[Effect], screen: ScoreScreen) -> bool:
+        """Tell whether the residual holds no structure any more, but for what coarse steps do wrong."""
+
+        def is_chance(screen: ScoreScreen) -> bool:
+            return screen.p_value(max(screen.statistics.values())) >= self.evidence.alpha
+
+        if is_chance(screen):
+            return True
+        fine = with_fine_steps(self.evidence.structure, current, WHITE)
+        if fine is current:
+            return False
+        colour = self.evidence.colour(fine)
+        return colour.order == 0 and is_chance(self.screen(fine, candidates, colour))
 
     def _lost(self, current: StructureFit) -> bool:
         """Tell whether a model follows next to nothing, so that slopes along its run say nothing of a force.
@@ -139,6 +160,40 @@ class Trials:
         base = self.evidence.criterion(self.evidence.refitted(current, noise), noise)
         trials = [replace(t, gain=base - t.criterion) for t in found.values()]
         return _switch_first(sorted(trials, key=lambda t: t.criterion))
+
+    def amended(
+        self, current: StructureFit, trials: tuple[Trial, ...], fit: StructureFit
+    ) -> tuple[Trial, ...]:
+        """Return trials among which one effect stands as a longer search found it, beside others since left.
+
+        Parameters
+        ----------
+        current : StructureFit
+            The model beside which the candidates were tried.
+        trials : tuple of Trial
+            Best first.
+        fit : StructureFit
+            With one effect more than ``current``.
+
+        Returns
+        -------
+        tuple of Trial
+            Best first; the same where the effect stands no better.
+        """
+        evidence, name = self.evidence, fit.choices[-1].name
+        colour = evidence.colour(current)
+        before, after = (evidence.refitted(each, colour) for each in (current, fit))
+        fit = min((f for f in (fit, after) if f.usable), key=lambda f: evidence.criterion(f, colour))
+        criterion = evidence.criterion(fit, colour)
+        if any(trial.name == name and trial.criterion - criterion < SAME_RUN for trial in trials):
+            return trials
+        found = Trial(name, fit, colour, criterion, evidence.criterion(before, colour) - criterion)
+        others = [trial for trial in trials if trial.name != name]
+        place = sum(trial.criterion < criterion for trial in others)
+        names = {trial.name for trial in trials}
+        screen = self.screen(before, [e for e in self.candidates if e.name in names], colour)
+        (judged,) = self._judged(current, [found], screen, colour)
+        return (*others[:place], judged, *others[place:])
 
     def _each(self, what: str, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
         """Apply a function to each item, several at a time if so many jobs may run, results in order."""
