@@ -169,6 +169,12 @@ def test_a_constant_force_of_the_model_itself_is_said():
         "constant_force: a constant force is part of the model already, offset = 0.2" in s
         for s in found.sentences()
     )
+    # Of a model that is known to have none it is missing, and has a name.
+    found = sysid.diagnose(
+        record, "positioning-stage", initial_state="rest", effects=["constant_force", "in_saturation"],
+        fixed={"offset": 0.0},
+    )  # fmt: skip
+    assert found.accepted == ("constant_force",)
 
 
 def test_parameters_that_only_count_together_are_named():

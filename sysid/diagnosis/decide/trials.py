@@ -27,8 +27,9 @@ from sysid.progress import Progress
 SCREENED, REFINED, POLISHED = 12, 6, 3
 # How many are fitted beside effects that were accepted before, in all forms, and finest.
 FURTHER, REFINED_BESIDE, POLISHED_BESIDE = 8, 4, 2
-# Of the criterion: beneath it two fits are one.
-SAME_RUN = 0.1
+# Of the criterion: beneath it two fits are one; beneath this they cannot be told apart (Kass & Raftery 1995,
+# Journal of the American Statistical Association 90: "not worth more than a bare mention").
+SAME_RUN, BARE_MENTION = 0.1, 2.0
 # A model that leaves this share of the squared deviations has lost its plant.
 MOST_LOST = 0.7
 
@@ -282,9 +283,10 @@ def may_hold(effect: Effect) -> bool:
 def _switch_first(trials: list[Trial]) -> list[Trial]:
     """Put a switch before smooth maps that do the same: they do so only at their own degenerate end.
 
-    A limit below all that comes in is a relay, whose level is the model's gain.
+    A limit below all that comes in is a relay, whose level is the model's gain; so is a jump beside which the
+    slope is lost, and its last bit of freedom follows the noise.
     """
-    same = [trial for trial in trials if trial.criterion - trials[0].criterion < SAME_RUN]
+    same = [trial for trial in trials if trial.criterion - trials[0].criterion < BARE_MENTION]
     if len(same) < 2 or trials[0].gain <= 0.0:
         return trials
     return [*sorted(same, key=lambda trial: not _switches(trial)), *trials[len(same) :]]

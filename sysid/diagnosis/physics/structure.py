@@ -138,8 +138,9 @@ class PhysicsStructure:
         if effect.port in ("force", "gain", "flow") and not (has_law(effect) or is_own(effect)):
             return False
         if effect.port == "force":
-            # With a constant force of the model's own these two would be second names.
-            doubled = bool(port.constant) and effect.name in ("asymmetric_friction", "constant_force")
+            # With a constant force of the model's own that may change these two would be second names.
+            own = any(parameter.name == port.constant for parameter in self.setting.searched)
+            doubled = own and effect.name in ("asymmetric_friction", "constant_force")
             known = not self.general or effect.name in SMOOTH_LAWS or is_own(effect)
             return port.velocity is not None and known and not doubled
         if self.general and effect.port == "gain":
