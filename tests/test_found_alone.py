@@ -1,5 +1,7 @@
 """Effects that stand alone: whatever form, place in the list, start or order the search met them at first."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -7,6 +9,11 @@ from scipy.signal import lfilter
 from sysid import diagnose
 from sysid.data import make_record
 from sysid.data.record import Record
+from sysid.diagnosis.decide.decision import Trial
+from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
+from sysid.diagnosis.decide.residual_evidence import Evidence
+from sysid.diagnosis.decide.revision import simplified
+from sysid.diagnosis.decide.trials import _switch_first
 from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.linear.structure import LinearStructure
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort
@@ -109,3 +116,43 @@ def test_a_threshold_passes_levels_at_which_nothing_switches() -> None:
     narrowing = Narrowing(fit(start), np.array([0]), [np.array([0.0, 50.0])], fit, cell)
     narrowing.walk(np.arange(60.0))
     assert narrowing.best.cost == 0.0
+
+
+def test_sides_of_its_own_take_the_place_of_a_jump_beside_a_dead_zone() -> None:
+    # A jump back and a dead zone make up an uneven dead zone: only together their widths are known.
+    u = sweeps(2)
+    uneven = u - np.clip(u, -0.9, 0.4)
+    record = record_of(u, lfilter([0.0, 0.3], [1.0, -0.7], uneven), 0.03, 2)
+    structure = LinearStructure(record, 1, initial_state="rest")
+    rows, baseline = record.estimation, structure.baseline(record.estimation)
+    preload, zone = find_effects(["in_preload", "in_deadzone"])
+    choices = [Choice(preload, preload.form("two-sided")), Choice(zone, zone.form("symmetric"))]
+    pair = structure.fit(choices, rows, WHITE, baseline, effort=Effort.FINE)
+    found = simplified(Evidence(structure, rows, record.validation, 0.01), pair, 0)
+    assert found.names == ("in_deadzone",)
+    widths = [p.value for p in found.parameters_of("in_deadzone")]
+    assert widths == pytest.approx([0.9, 0.4], abs=0.05)
+
+
+def test_a_jump_beside_which_the_slope_is_lost_is_a_relay() -> None:
+    # The quantiser behind it leaves errors that the lost slope follows a little: a bit of noise.
+    rng = np.random.default_rng(0)
+    u = rng.uniform(-1.0, 1.0, 1200)
+    y = lfilter([0.0, 0.3], [1.0, -0.7], np.sign(u))
+    structure = LinearStructure(record_of(u, y, 0.05, 0), 1, initial_state="rest")
+    rows = structure.record.estimation
+    baseline = structure.baseline(rows)
+    preload, relay = (
+        Trial(
+            name,
+            structure.fit(choices, rows, WHITE, baseline, effort=Effort.COARSE),
+            WHITE_NOISE,
+            criterion,
+            9.0,
+        )
+        for name, criterion in (("in_preload", -101.5), ("in_relay", -100.0))
+        for choices in [[Choice(effect, effect.forms[0]) for effect in find_effects([name])]]
+    )
+    assert _switch_first([preload, relay]) == [relay, preload]
+    plainly = replace(preload, criterion=-103.0)
+    assert _switch_first([plainly, relay]) == [plainly, relay]

@@ -8,6 +8,7 @@ import numpy as np
 from sysid.diagnosis.decide.allowance import THIRD
 from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.evidence import told_apart
+from sysid.diagnosis.decide.noise_colour import Noise
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.decide.trials import Trials
 from sysid.diagnosis.structures.sides import freer_forms
@@ -72,17 +73,26 @@ def simplified(evidence: Evidence, fit: StructureFit, n_given: int) -> Structure
         shorter = False
         noise = evidence.colour(fit)
         for choices in _with_one_less(fit, n_given):
-            start = evidence.structure.fit(
-                tuple(choice for choice in fit.choices if choice.name in {c.name for c in choices}),
-                evidence.rows, noise.polynomial, fit, effort=Effort.REFIT,
-            )  # fmt: skip
-            other = evidence.structure.fit(
-                choices, evidence.rows, noise.polynomial, start, effort=Effort.COARSE
-            )
+            other = _with_effects(evidence, fit, choices, noise)
             if other.usable and evidence.criterion(other, noise) <= evidence.criterion(fit, noise):
                 fit, shorter = other, True
                 break
     return fit
+
+
+def _with_effects(
+    evidence: Evidence, fit: StructureFit, choices: tuple[Choice, ...], noise: Noise
+) -> StructureFit:
+    """Return the better of two fits of some effects: from where they stand, and with the changed one anew."""
+    structure, rows = evidence.structure, evidence.rows
+    names = [choice.name for choice in choices]
+    stay = tuple(choice for choice in fit.choices if choice.name in names)
+    before = structure.fit(stay, rows, noise.polynomial, fit, effort=Effort.REFIT)
+    found = [
+        structure.fit(choices, rows, noise.polynomial, start, effort=effort)
+        for start, effort in ((fit, Effort.REFIT), (before, Effort.COARSE))
+    ]
+    return min(found, key=lambda other: evidence.criterion(other, noise) if other.usable else np.inf)
 
 
 def _with_one_less(fit: StructureFit, n_given: int) -> Iterator[tuple[Choice, ...]]:
