@@ -59,3 +59,45 @@ def test_an_acceleration_has_a_direct_path_at_any_order(order: int) -> None:
     (direct,) = found.final.fitted.parameters_of("feedthrough")
     # Noise of 2 % on 630 rows: the direct gain is known to some thousandths.
     assert direct.value == pytest.approx(1.5, rel=0.02)
+
+
+def belt_drive(u: Floats, w: float, lag: float, sensor: float, period: float = 0.02) -> Floats:
+    """Return the size of the speed of a pulley on a belt, read through a low-pass filter, in small steps."""
+    fine = 20
+    h, x, v, drive, shown, y = period / fine, 0.0, 0.0, 0.0, 0.0, np.empty(u.size)
+    for k, volts in enumerate(u):
+        y[k] = shown if sensor else abs(x)
+        for _ in range(fine):
+            drive += h / lag * (1.4 * volts - drive)
+            v += h * (w**2 * (drive - x) - 0.3 * w * v)
+            x += h * v
+            shown += h / sensor * (abs(x) - shown) if sensor else 0.0
+    return y
+
+
+@pytest.mark.parametrize(
+    ("sensor", "named"), [(0.05, ("out_rectify", "out_lowpass")), (0.0, ("out_rectify",))]
+)
+def test_the_order_of_a_drive_without_sign_is_chosen_with_what_hides_it(
+    sensor: float, named: tuple[str, ...]
+) -> None:
+    """Coupled drives: two records at two amplitudes, of which no linear model follows more than a part."""
+    rng, parts = np.random.default_rng(4), []
+    for low, high in ((-0.3, 0.7), (-1.5, 1.5)):
+        u = np.repeat(rng.uniform(low, high, 100), 5)
+        parts.append((u, belt_drive(u, 8.2, 0.34, sensor) + 0.015 * rng.standard_normal(500)))
+    u, y = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    split = np.tile(np.repeat(["est", "test"], [400, 100]), 2)
+    record = make_record(u, y, period=0.02, split=split, experiment=np.repeat(["low", "high"], 500))
+    found = diagnose(record)
+    assert found.accepted == named
+    assert found.ladder[-1].scores["test"]["rmse"] < 0.02  # noise of 0.015
+
+
+def test_a_mode_beside_a_bent_sensor_is_a_matter_of_the_order() -> None:
+    """Where noise hides a pole from the model without effects the order is chosen once more with them."""
+    rng = np.random.default_rng(11)
+    u = np.repeat(rng.choice([-1.0, 1.0], 100), 5)
+    y = np.round((np.abs(belt_drive(u, 20.5, 0.15, 0.0)) + 0.015 * rng.standard_normal(500)) / 0.005) * 0.005
+    found = diagnose(make_record(u, y, period=0.02))
+    assert found.accepted == ("out_rectify",)
