@@ -104,7 +104,7 @@ class LinearStructure:
             same["constant_force"] = ""  # the constant is in the model
         names = {effect.name for effect in effects}
         return tuple(
-            effect.within("linear")
+            effect.within("linear", self.free_start)
             for effect in effects
             if "linear" in effect.families
             and not (effect.name in same and same[effect.name] in names | {""})
