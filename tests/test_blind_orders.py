@@ -1,5 +1,7 @@
 """Orders of a linear model where the model without effects says little of them."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
@@ -7,6 +9,7 @@ from scipy.signal import cont2discrete, lfilter
 from sysid import diagnose
 from sysid.data import make_record
 from sysid.data.record import Record
+from sysid.diagnosis.linear.structure import LinearStructure
 
 Floats = np.ndarray
 
@@ -101,3 +104,18 @@ def test_a_mode_beside_a_bent_sensor_is_a_matter_of_the_order() -> None:
     y = np.round((np.abs(belt_drive(u, 20.5, 0.15, 0.0)) + 0.015 * rng.standard_normal(500)) / 0.005) * 0.005
     found = diagnose(make_record(u, y, period=0.02))
     assert found.accepted == ("out_rectify",)
+
+
+def test_a_higher_order_of_a_slow_plant_fits_at_least_as_well() -> None:
+    """A battery's voltage under a current: its capacity makes a pole at almost 1 beside two slow ones."""
+    rng = np.random.default_rng(18)
+    u = np.repeat(rng.uniform(-20, 4, 40), rng.integers(5, 60, 40))[:900]
+    charge, fast, slow, y = 0.95, 0.0, 0.0, np.empty(u.size)
+    for k, current in enumerate(u):
+        y[k] = 3.3 + 0.7 * charge - 0.25 * np.exp(-18 * charge) + 0.004 * current + fast + slow
+        charge += current / 18000.0
+        fast += (0.003 * current - fast) / 12.0
+        slow += (0.005 * current - slow) / 90.0
+    record = make_record(u, y + 0.001 * rng.standard_normal(u.size), period=1.0)
+    fits = [LinearStructure(record, order).baseline(record.estimation) for order in (2, 3, 4)]
+    assert all(fit.cost < 1.01 * before.cost for before, fit in pairwise(fits))
