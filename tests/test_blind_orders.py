@@ -9,6 +9,7 @@ from scipy.signal import cont2discrete, lfilter
 from sysid import diagnose
 from sysid.data import make_record
 from sysid.data.record import Record
+from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.linear.structure import LinearStructure
 
 Floats = np.ndarray
@@ -119,3 +120,15 @@ def test_a_higher_order_of_a_slow_plant_fits_at_least_as_well() -> None:
     record = make_record(u, y + 0.001 * rng.standard_normal(u.size), period=1.0)
     fits = [LinearStructure(record, order).baseline(record.estimation) for order in (2, 3, 4)]
     assert all(fit.cost < 1.01 * before.cost for before, fit in pairwise(fits))
+
+
+def test_an_input_that_stands_still_hands_on_no_noise() -> None:
+    """A direct path beside a drift goes with the input of the same row, in an open loop."""
+    rng = np.random.default_rng(2)
+    u = np.repeat(rng.uniform(-2, 2, 60), 10)
+    drift = np.cumsum(0.01 * rng.standard_normal(u.size))
+    y = lfilter([0.0, 0.2], [1.0, -0.8], u) + 0.3 * u + drift + 0.01 * rng.standard_normal(u.size)
+    structure = LinearStructure(make_record(u, y, period=1.0), 1)
+    record = structure.record
+    evidence = Evidence(structure, record.estimation, record.validation, 0.01)
+    assert not evidence.only_at_once(structure.baseline(record.estimation))
