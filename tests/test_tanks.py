@@ -115,3 +115,17 @@ def test_a_point_starts_below_the_rims():
     x = np.concatenate([np.zeros(3), LIMITS, [CAUGHT], (50.0, 4.0)])
     assert within_limits(problem, x)[-2:].tolist() == [LIMITS[0], 4.0]
     assert x[-2] == 50.0
+
+
+def test_a_root_is_found_of_levels_in_any_unit():
+    """Two tanks whose levels are told in millimetres, of which no value is known beforehand."""
+    rng, fine, x, z = np.random.default_rng(7), 40, 40.0, 50.0
+    u, y = np.repeat(rng.uniform(1.0, 4.2, 60), rng.integers(6, 20, 60))[:600], np.empty(600)
+    for k, volts in enumerate(u):
+        y[k] = z
+        for _ in range(fine):
+            flow = 0.9 * np.sqrt(x)
+            x, z = max(x + 4.0 / fine * (2.4 * volts - flow), 0.0), z + 4.0 / fine * (flow - 0.8 * np.sqrt(z))
+    record = make_record(u, y + 0.4 * rng.standard_normal(600), period=4.0)
+    found = diagnose(record, "two-tanks", effects=["sqrt_outflow", "out_offset", "in_deadzone"])
+    assert found.accepted == ("sqrt_outflow",)
