@@ -171,6 +171,20 @@ def test_the_law_of_the_hysteretic_oscillator_is_fitted_under_a_sampled_force():
     assert structure.plant.hold == "zero"
 
 
+def test_the_hysteretic_oscillator_is_named():
+    """Its loop hardens, so that one that only yields explains next to nothing."""
+    rng, pieces, n = np.random.default_rng(5), 20, 1800
+    force = multisine(rng, n * pieces, 750.0 * pieces, 5.0, 150.0, 50.0)
+    y = bouc_wen(force, 1 / 750, pieces) + 8e-6 * rng.standard_normal(n)
+    record = record_of(force[::pieces], y, 1 / 750, 1400)
+    given = {"m": 2.0, "c": 10.0, "k": 1e5}
+    names = ["hysteresis_force", "gravity_sine", "cubic_stiffness", "extra_mode", "feedthrough", "quad_drag",
+             "in_deadzone", "out_offset", "time_variation", "op_gain"]  # fmt: skip
+    found = sysid.diagnose(record, "mass-spring-damper", start=given, initial_state="rest", effects=names)
+    assert found.accepted == ("hysteresis_force",)
+    assert found.ladder[-1].scores["test"]["rmse"] < 1.1 * 8e-6
+
+
 def test_an_output_that_the_input_does_not_drive_is_said_to_be_so():
     rng = np.random.default_rng(5)
     record = record_of(rng.uniform(-1, 1, 600), rng.standard_normal(600), 0.1, 400)

@@ -74,7 +74,7 @@ def at_the_same_flow(setting: Setting, point: Floats) -> Floats:
     --------
     >>> from sysid.data import make_record
     >>> from sysid.diagnosis.diagnose import structure_of
-    >>> record = make_record(np.arange(30.0), np.full(30, 100.0), period=1.0)
+    >>> record = make_record(np.arange(30.0), np.tile([90.0, 110.0], 15), period=1.0)
     >>> setting = structure_of(record, "two-tanks", None, "rest").setting
     >>> np.exp(at_the_same_flow(setting, setting.nominal)).round(3)
     array([1. , 1. , 0.1])
