@@ -60,9 +60,7 @@ def ends_beside(
             return []
         tried = [end]
     ends: list[Minimum[Residual]] = []
-    # Another centre is one more way to go.
-    most = DESCENTS[effort] + _replaces_a_flow(problem, new)
-    for end in different(sorted(tried, key=cost_of))[:most]:
+    for end in different(sorted(tried, key=cost_of))[: DESCENTS[effort]]:
         if not end.status.converged and not any(end is other for other in found):
             end = problem.descend(end.x, EVALUATIONS[effort] - TRIED, TOLERANCES[effort], _been_at(ends))
         ends.append(end)
@@ -113,19 +111,13 @@ def _been_at(ends: Sequence[Minimum[Residual]]) -> Met:
 
 def _centres(problem: Problem, before: Problem, known: Floats, new: Sequence[int]) -> list[Floats]:
     """Return the points without the new effects around which these are searched."""
-    centres = [known]
-    if _replaces_a_flow(problem, new):
-        centres.append(at_the_same_flow(problem.setting, known))
+    replaced = any(problem.choices[i].name == "sqrt_outflow" for i in new)
+    centres = [at_the_same_flow(problem.setting, known) if replaced else known]
     nominal = known.copy()
     nominal[: before.n_model] = problem.setting.nominal
     if not np.allclose(nominal, known, rtol=1e-3):
         centres.append(_nearer(before, nominal))
     return centres
-
-
-def _replaces_a_flow(problem: Problem, new: Sequence[int]) -> bool:
-    """Tell whether a root takes the place of a flow in proportion to its level."""
-    return any(problem.choices[i].name == "sqrt_outflow" for i in new)
 
 
 def _nearer(problem: Problem, nominal: Floats) -> Floats:
