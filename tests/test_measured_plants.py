@@ -171,9 +171,52 @@ def test_the_law_of_the_hysteretic_oscillator_is_fitted_under_a_sampled_force():
     assert structure.plant.hold == "zero"
 
 
+def test_the_hysteretic_oscillator_is_named():
+    """Its loop hardens, so that one that only yields explains next to nothing."""
+    rng, pieces, n = np.random.default_rng(5), 20, 1800
+    force = multisine(rng, n * pieces, 750.0 * pieces, 5.0, 150.0, 50.0)
+    y = bouc_wen(force, 1 / 750, pieces) + 8e-6 * rng.standard_normal(n)
+    record = record_of(force[::pieces], y, 1 / 750, 1400)
+    given = {"m": 2.0, "c": 10.0, "k": 1e5}
+    names = ["hysteresis_force", "gravity_sine", "cubic_stiffness", "extra_mode", "feedthrough", "quad_drag",
+             "in_deadzone", "out_offset", "time_variation", "op_gain"]  # fmt: skip
+    found = sysid.diagnose(record, "mass-spring-damper", start=given, initial_state="rest", effects=names)
+    assert found.accepted == ("hysteresis_force",)
+    assert found.ladder[-1].scores["test"]["rmse"] < 1.1 * 8e-6
+
+
 def test_an_output_that_the_input_does_not_drive_is_said_to_be_so():
     rng = np.random.default_rng(5)
     record = record_of(rng.uniform(-1, 1, 600), rng.standard_normal(600), 0.1, 400)
     found = sysid.diagnose(record, order=1, effects=["in_saturation"])
     assert found.verdict == "nothing-missing"
     assert any("follows next to nothing of 'y'" in sentence for sentence in found.sentences())
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_dead_time_is_named_in_a_record_that_begins_in_a_run(seed):
+    """A hair dryer under a switched heater: what was before the first row was not zero."""
+    rng = np.random.default_rng(100 + seed)
+    u = np.repeat(rng.choice([3.41, 6.41], 275), 4)
+    air = held([[-2.6, 0], [3.1, -3.1]], [2.4, 0], [0, 1], np.concatenate([np.full(3, 5.0), u[:-3]]), 0.08)
+    y = air + 0.04 * lfilter([1], [1, -0.7], rng.standard_normal(u.size))
+    begin = 51 + seed
+    record = record_of(u[begin : begin + 1000], y[begin : begin + 1000], 0.08, 700)
+    found = sysid.diagnose(record, order=2)
+    assert set(found.accepted) <= {"in_delay", "coloured_noise"}
+    (delay,) = found.final.fitted.parameters_of("in_delay")
+    assert delay.value == pytest.approx(
+        0.24, abs=0.08
+    )  # a sample: two coefficients of the input can shift it
+
+
+def test_from_rest_nothing_was_before_the_first_row():
+    (delay, lag) = (effect.within("linear", False) for effect in find_effects(["in_delay", "out_lowpass"]))
+    assert [form.name for effect in (delay, lag) for form in effect.forms] == ["delay", "first order"]
+    at_first = delay.forms[0].apply(np.array([2.0, 4.0, 6.0]), np.array([0.15]), 0.1)
+    np.testing.assert_allclose(at_first, [0.0, 1.0, 3.0])
+    (delay, lag) = find_effects(["in_delay", "out_lowpass"])
+    started = delay.form("delay in motion").apply(np.array([2.0, 4.0, 6.0]), np.array([0.15]), 0.1)
+    np.testing.assert_allclose(started, [2.0, 2.0, 3.0])
+    shown = lag.form("first order in motion").apply(np.array([2.0, 2.0, 4.0]), np.array([0.1]), 0.1)
+    np.testing.assert_allclose(shown, [2.0, 2.0, 4.0 - 2.0 * np.exp(-1.0)])

@@ -49,3 +49,18 @@ def test_a_mode_that_does_not_swing_once_is_no_vibration(frequency: float, vibra
     fit = SimpleNamespace(parameters_of=lambda name: mode if name == "extra_mode" else [])
     assert swings(fit, 10.0) is vibrates  # type: ignore[arg-type]
     assert swings(SimpleNamespace(parameters_of=lambda name: []), 10.0)  # type: ignore[arg-type]
+
+
+def test_a_part_of_a_sample_beside_a_force_is_no_transport() -> None:
+    # A pendulum in steps of a millisecond, its torque held for twenty of them.
+    rng = np.random.default_rng(11)
+    u, angle, speed, y = np.repeat(rng.uniform(-3.4, 3.4, 40), 25), 0.0, 0.0, np.empty(1000)
+    for k, torque in enumerate(u):
+        y[k] = angle
+        for _ in range(20):
+            speed += 0.001 * (torque - 0.35 * speed - 3.9 * np.sin(angle)) / 0.12
+            angle += 0.001 * speed
+    record = make_record(u, y + 0.002 * rng.standard_normal(1000), period=0.02)
+    found = diagnose(record, order=2, effects=["gravity_sine", "in_delay"])
+    assert found.accepted == ("gravity_sine", "in_delay")
+    assert any("is no transport" in sentence for sentence in found.sentences())

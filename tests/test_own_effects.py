@@ -113,7 +113,7 @@ def test_a_curve_is_drafted_given_back_and_explains_what_nothing_else_did(damped
 
 def test_without_a_curve_no_draft_is_written(tmp_path, capsys):
     u = steps(120, 5, 1.0)
-    y = np.convolve(u, 0.3 * 0.7 ** np.arange(40))[: u.size]
+    y = np.convolve(u, np.append(0.0, 0.3 * 0.7 ** np.arange(40)))[: u.size]  # without a direct path
     y += 0.01 * np.random.default_rng(2).standard_normal(u.size)
     np.savetxt(tmp_path / "r.csv", np.column_stack([u, y]), delimiter=",", header="u,y", comments="")
     draft = tmp_path / "mine.toml"

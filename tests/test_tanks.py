@@ -10,7 +10,7 @@ from sysid.diagnosis.physics.free_run import free_run
 from sysid.diagnosis.physics.problem import COARSE_STEP, Problem
 from sysid.diagnosis.physics.scatter import within_limits
 from sysid.diagnosis.physics.structure import PhysicsStructure
-from sysid.diagnosis.structures.structure import WHITE, Choice
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort
 from sysid.physics import load_model
 
 PERIOD, STEPS = 4.0, 200
@@ -115,3 +115,24 @@ def test_a_point_starts_below_the_rims():
     x = np.concatenate([np.zeros(3), LIMITS, [CAUGHT], (50.0, 4.0)])
     assert within_limits(problem, x)[-2:].tolist() == [LIMITS[0], 4.0]
     assert x[-2] == 50.0
+
+
+@pytest.mark.parametrize("unit", [1.0, 10.0])
+def test_a_root_is_found_of_levels_in_any_unit(unit):
+    """Two tanks of which no value is known: the first search for the law comes down to the noise."""
+    rng, gains, x, z = np.random.default_rng(0), (0.285, 0.253), 4.0, 5.0
+    u, y = np.maximum(2.6 + 1.2 * (pumped(rng, 700) - 2.6), 0.0), np.empty(700)
+    for k, volts in enumerate(u):
+        y[k] = z
+        for _ in range(40):
+            flow = gains[0] * np.sqrt(x)
+            x = max(x + 0.1 * (0.24 * volts - flow), 0.0)
+            z = max(z + 0.1 * (flow - gains[1] * np.sqrt(z)), 0.0)
+    record = make_record(u, unit * (y + 0.008 * rng.standard_normal(700)), period=PERIOD)
+    structure = PhysicsStructure(record, load_model("two-tanks"), "estimate")
+    (effect,) = structure.offered(find_effects(["sqrt_outflow"]))
+    rows = record.estimation
+    baseline = structure.baseline(rows)
+    choice = Choice(effect, effect.form("square root"))
+    fit = structure.fit([choice], rows, WHITE, baseline, effort=Effort.COARSE)
+    assert np.sqrt(fit.cost / rows.sum()) < 0.009 * unit

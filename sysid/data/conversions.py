@@ -73,7 +73,6 @@ RARE = frozenset(
         "MW",
         "MPa",
         "km",
-        "deg/s",
     }
 )
 # The same in rotation: a model of a mass on a spring may be that of a shaft.

@@ -132,11 +132,14 @@ def diagnose(
             )  # fmt: skip
             return _against_curves(structure, search.decide())
 
-        decision, curves = decide(structure)
         if model == "linear" and order is None:
-            from sysid.diagnosis.orders import with_effects
+            from sysid.diagnosis.linear.structure import LinearStructure
+            from sysid.diagnosis.orders import decided_with_order
 
-            structure, decision, curves = with_effects((structure, decision, curves), decide, alpha)
+            assert isinstance(structure, LinearStructure)
+            structure, decision, curves = decided_with_order(structure, decide, alpha)
+        else:
+            decision, curves = decide(structure)
         kept = _kept(decision, accept)
         estimates = [decision.baseline, *rungs_of(structure, decision, kept)]
         whole: Structure = structure

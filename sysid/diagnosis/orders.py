@@ -1,10 +1,10 @@
-"""The order of a linear model, when effects are looked for: a higher one can stand in for what is missing.
+"""The order of a linear model, when effects are looked for.
 
-And where no linear model follows the output, as behind a sensor that shows the size alone, none of its orders
-means anything.
+It is chosen without effects, where a higher one can stand in for what is missing.  And where no linear model
+follows the output, as behind a sensor that shows the size alone, none of its orders means anything.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -12,20 +12,23 @@ import numpy as np
 from sysid.diagnosis.decide.acceptance import is_better_held_out
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision
 from sysid.diagnosis.decide.evidence import TIED, block_separation
+from sysid.diagnosis.decide.modes import MODE
 from sysid.diagnosis.decide.residual_evidence import Evidence
-from sysid.diagnosis.linear.structure import LinearStructure
-from sysid.diagnosis.structures.structure import WHITE, Effort, Structure, StructureFit
+from sysid.diagnosis.linear.structure import HIGHEST_ORDER, LinearStructure
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, Structure, StructureFit
 
 if TYPE_CHECKING:
     from sysid.diagnosis.ports import PortCurve
 
 # Orders below the chosen one that are tried.
 LOWER = 2
-# A baseline that leaves this share of the output's deviation on held-out rows follows nothing; the order of
-# the plant behind what is missing is then looked for up to this one.
-BLIND, HIGHEST = 0.9, 4
+# A baseline that leaves half of the output's variance on held-out rows follows nothing much: the order of the
+# plant is then looked for with effects, from this one down.
+BLIND, HIGHEST = 0.7, 4
 # In so few rows a higher order can take up all that an effect does, and seem to lack nothing.
 SHORT = 400
+# An information criterion that differs by no more says nothing.
+EVEN = 2.0
 # What a higher order does as well, or a constant and a slope.
 LINEAR = frozenset(
     {
@@ -44,91 +47,165 @@ LINEAR = frozenset(
 # A structure, what was decided on it, and the curves that the decision needed.
 Curves: TypeAlias = "tuple[PortCurve, ...] | None"
 Decided = tuple[Structure, Decision, Curves]
+Decide = Callable[[Structure], tuple[Decision, Curves]]
 
 
-def with_effects(
-    first: Decided, decide: Callable[[Structure], tuple[Decision, Curves]], alpha: float
-) -> Decided:
-    """Return the best of the order that was chosen without effects and of others with effects.
+def decided_with_order(structure: LinearStructure, decide: Decide, alpha: float) -> Decided:
+    """Return what is missing, and the order of the plant that it is missing in.
 
-    The order is chosen by the validation error of the model without effects.  Where that leaves something
-    that nothing explains, or the record is so short that a higher order can hide it, a lower one is taken if
-    with effects that no order does it comes closer, on held-out rows and by the information criterion; a
-    higher one, too, where the model without effects follows nothing.  What was found may itself ask for
-    another order, and is then looked for again at that one.
+    The order is chosen by the validation error of the model without effects.  That says nothing where this
+    model follows nothing: then the order is chosen with the effects that were found at a high one.  Where it
+    leaves something that nothing explains, or the record is so short that a higher order can hide it, a lower
+    one is taken if with effects that no order does it comes closer, on held-out rows and by the information
+    criterion.  What was found may itself ask for another order, and is then looked for again at that one.
 
     Parameters
     ----------
-    first : Decided
-        At the order that was chosen.
+    structure : LinearStructure
+        Of the order that was chosen.
     decide : callable
-        The same decision for another order.
+        What is missing at an order.
     alpha : float
     """
-    structure, decision, _ = first
-    record = structure.record
-    if not isinstance(structure, LinearStructure):
-        return first
-    evidence = Evidence(structure, record.estimation, record.validation, alpha)
-    blind = decision.verdict != "missing-effect" and _follows_nothing(evidence, decision)
-    short = int(record.learning.sum()) < SHORT and decision.verdict in ("nothing-missing", "coloured-noise")
-    better = _order_beside(evidence, decision)
-    if better is None and not (blind or short or decision.verdict == "unexplained"):
-        return first
-    for order in dict.fromkeys([*([] if better is None else [better]), *_others(structure.order, blind)]):
-        if order != better and decision.verdict == "missing-effect":
-            break
-        other = LinearStructure(record, order, initial_state=structure.initial_state)
-        found, curves = decide(other)
-        named = found.verdict == "missing-effect" and not LINEAR.intersection(found.final.names)
-        better_by = _is_likelier if order == better else is_better_held_out
-        if named and better_by(evidence, found.final, decision.final):
-            return other, found, curves
-    return first
+    orders = _Orders(structure, decide, alpha)
+    blind = orders.is_lost(structure.baseline(orders.evidence.rows))
+    found = orders.from_above() if blind else None
+    found = orders.lower(orders.decided(structure.order), blind) if found is None else found
+    return orders.beside_effects(found)
 
 
-def _order_beside(evidence: Evidence, decision: Decision) -> int | None:
-    """Return the order that the effects that were found ask for, if it is another than the chosen one.
+class _Orders:
+    """The search for an order of one record."""
 
-    An order that was chosen without them takes up a part of what they do, or too little of the plant behind
-    them; what a higher order does as well is then found beside them as an effect of its own.
-    """
-    structure, rows = evidence.structure, evidence.rows
-    choices = tuple(choice for choice in decision.final.choices if choice.name not in LINEAR)
-    if not isinstance(structure, LinearStructure) or not choices:
+    def __init__(self, structure: LinearStructure, decide: Decide, alpha: float) -> None:
+        self.first, self._decide = structure, decide
+        self._known: dict[int, Decided] = {}
+        record = structure.record
+        self.evidence = Evidence(structure, record.estimation, record.validation, alpha)
+
+    def at(self, order: int) -> LinearStructure:
+        """Return the structure of an order."""
+        first = self.first
+        if order == first.order:
+            return first
+        return LinearStructure(first.record, order, initial_state=first.initial_state)
+
+    def decided(self, order: int) -> Decided:
+        """Return what is missing at an order."""
+        if order not in self._known:
+            structure = self.at(order)
+            self._known[order] = (structure, *self._decide(structure))
+        return self._known[order]
+
+    def is_lost(self, fit: StructureFit) -> bool:
+        """Tell whether a model is lost on held-out rows."""
+        y = self.first.record.y[self.evidence.held_out, 0]
+        return self.evidence.held_out_error(fit, WHITE) > BLIND * float(np.nanstd(y))
+
+    def from_above(self) -> Decided | None:
+        """Return the decision at a high order if its effects make the model follow, or one below it.
+
+        What a plant of lower order lacks is lacking in one of higher order, too: where that has no effects to
+        offer no lower one is tried, unless nothing can be said of it.
+        """
+        for order in range(HIGHEST, 0, -1):
+            found = self.decided(order)
+            decision = found[1]
+            if decision.verdict == "not-identifiable":
+                continue
+            if not set(decision.final.names) - LINEAR or self.is_lost(decision.final):
+                return None
+            below = self._best_order(decision.final.choices, range(order - 1, 0, -1), decision.final)
+            lower = None if below is None else self._named(below)
+            return found if lower is None or not self._as_good(lower, found) else lower
         return None
-    chosen, best = None, decision.final
-    for order in range(1, max(HIGHEST, structure.order) + 1):
-        if order == structure.order and choices == decision.final.choices:
-            continue
-        other = LinearStructure(structure.record, order, initial_state=structure.initial_state)
-        fit = other.fit(choices, rows, WHITE, other.baseline(rows), effort=Effort.COARSE)
-        if fit.usable and _is_likelier(evidence, fit, best):
-            chosen, best = order, fit
-    return None if chosen == structure.order else chosen
+
+    def lower(self, first: Decided, blind: bool) -> Decided:
+        """Return the decision at a lower order if it names what the first does not, and comes closer."""
+        structure, decision, _ = first
+        assert isinstance(structure, LinearStructure)
+        short = int(structure.record.learning.sum()) < SHORT
+        short = short and decision.verdict in ("nothing-missing", "coloured-noise")
+        if blind or not (short or decision.verdict == "unexplained"):
+            return first
+        for order in _lower(structure.order):
+            found = self._named(order)
+            if found is not None and is_better_held_out(self.evidence, found[1].final, decision.final):
+                return found
+        return first
+
+    def beside_effects(self, found: Decided) -> Decided:
+        """Return the decision at the order that the effects that were found ask for.
+
+        An order that was chosen without them takes up a part of what they do, or too little of the plant
+        behind them; what a higher order does as well, as a mode, is then found beside them as an effect.
+        """
+        structure, decision, _ = found
+        final = decision.final
+        choices = tuple(choice for choice in final.choices if choice.name not in LINEAR)
+        if not isinstance(structure, LinearStructure) or not choices:
+            return found
+        highest = max(HIGHEST, min(structure.order + 2 * (MODE in final.names), HIGHEST_ORDER))
+        orders = [n for n in range(1, highest + 1) if n != structure.order or choices != final.choices]
+        order = self._best_order(choices, orders, final, EVEN if MODE in final.names else 0.0)
+        if order is None or order == structure.order:
+            return found
+        other = self._named(order)
+        return other if other is not None and self._holds(other[1].final, final) else found
+
+    def _holds(self, fit: StructureFit, other: StructureFit) -> bool:
+        """Tell whether a fit is as good as another by its criterion, and on held-out rows but for chance."""
+        after, before = (self.evidence.residual(each)[self.evidence.held_out] for each in (fit, other))
+        as_good = self.evidence.own_criterion(fit) < self.evidence.own_criterion(other) + EVEN
+        return as_good and block_separation(before, after) < TIED
+
+    def _named(self, order: int) -> Decided | None:
+        """Return what is missing at an order if that is known, and no matter of the order."""
+        decision = self.decided(order)[1]
+        named = decision.verdict == "missing-effect" and not _matter_of_order(decision.final.names)
+        return self.decided(order) if named else None
+
+    def _best_order(
+        self, choices: Sequence[Choice], orders: Sequence[int], than: StructureFit, margin: float = EVEN
+    ) -> int | None:
+        """Return the order at which these effects fit best by the criterion, if no worse than a fit."""
+        rows, limit, best = self.evidence.rows, self.evidence.own_criterion(than) + margin, None
+        for order in orders:
+            structure = self.at(order)
+            fit = structure.fit(choices, rows, WHITE, structure.baseline(rows), effort=Effort.FINE)
+            if fit.usable and self.evidence.own_criterion(fit) < limit:
+                best, limit = order, self.evidence.own_criterion(fit)
+        return best
+
+    def _as_good(self, found: Decided, other: Decided) -> bool:
+        """Tell whether a decision is as good as another by the criterion of its final model."""
+        ours, theirs = (self.evidence.own_criterion(decided[1].final) for decided in (found, other))
+        return ours < theirs + EVEN
 
 
-def _is_likelier(evidence: Evidence, fit: StructureFit, other: StructureFit) -> bool:
-    """Tell whether a fit is better by its criterion, and no farther from held-out rows than by chance."""
-    after, before = (evidence.residual(each)[evidence.held_out] for each in (fit, other))
-    likelier = evidence.own_criterion(fit) < evidence.own_criterion(other)
-    return likelier and block_separation(before, after) < TIED
+def _matter_of_order(names: Sequence[str]) -> frozenset[str]:
+    """Return which of the effects a model of higher order does as well.
 
-
-def _follows_nothing(evidence: Evidence, decision: Decision) -> bool:
-    """Tell whether the model without effects is lost on held-out rows."""
-    y = evidence.structure.record.y[evidence.held_out, 0]
-    return evidence.held_out_error(decision.baseline, WHITE) > BLIND * float(np.nanstd(y))
-
-
-def _others(order: int, blind: bool) -> Iterator[int]:
-    """Return the orders to be tried: the next lower ones, and higher ones before where all are alike.
+    Behind a sensor that bends the output no order of the plant does what comes after it.
 
     Examples
     --------
-    >>> list(_others(4, False)), list(_others(1, False)), list(_others(2, True))
-    ([3, 2], [], [3, 4, 1])
+    >>> sorted(_matter_of_order(("in_saturation", "out_lowpass")))
+    ['out_lowpass']
+    >>> sorted(_matter_of_order(("out_rectify", "out_lowpass")))
+    []
     """
-    if blind:
-        yield from range(order + 1, HIGHEST + 1)
+    bent = any(name.startswith("out_") and name not in LINEAR for name in names)
+    linear = LINEAR.intersection(names)
+    return frozenset(name for name in linear if not name.startswith("out_")) if bent else linear
+
+
+def _lower(order: int) -> Iterator[int]:
+    """Return the next lower orders.
+
+    Examples
+    --------
+    >>> list(_lower(4)), list(_lower(1))
+    ([3, 2], [])
+    """
     yield from range(order - 1, max(order - 1 - LOWER, 0), -1)

@@ -24,6 +24,8 @@ EXCESS = 2.0
 # Then learning rows are cut into so many blocks, of which every third is held out: short ones, for what
 # happens within a block that is held out, such as a step of the gain, cannot be placed in it.
 INTERLEAVED = 30
+# A controller that hands on the noise moves the input in at least this share of the rows.
+MOST_MOVES = 0.5
 # How often a fit and the colour of its own residual are brought to agree.
 ROUNDS = 3
 
@@ -113,14 +115,16 @@ class Evidence:
 
         The plant answers later, but a controller at once: it hands the noise on to the input.  Then
         the input is no cause of the noise that it goes with, and only what follows earlier rows tells of the
-        plant, by a fit under the colour of the noise, which a loop leaves unbiased.
+        plant, by a fit under the colour of the noise, which a loop leaves unbiased.  An input that stands
+        still in most rows is not moved by noise that comes with each of them.
 
         References
         ----------
         Ljung (1999), System Identification, sections 13.4 and 16.6.
         """
         structure, rows = self.structure, self.structure.record.learning
-        if not isinstance(structure, Causal):
+        moves = np.diff(structure.record.u[rows], axis=0).any(axis=1)
+        if not isinstance(structure, Causal) or not moves.any() or moves.mean() < MOST_MOVES:
             return False
         for _ in range(ROUNDS):
             settled = self.refitted(fit, self.noise(fit))

@@ -132,11 +132,11 @@ class Trials:
         refined, polished = (REFINED, POLISHED) if first else (REFINED_BESIDE, POLISHED_BESIDE)
 
         def simply(effect: Effect) -> Trial:
-            # Half-wave and full-wave are different effects, as are a rim and a cascade of tanks; a two-sided
-            # form is a refinement.
+            # Half-wave and full-wave are different effects, as are a rim and a cascade of tanks, or a contact
+            # that hardens and one that yields; a two-sided form is a refinement.
             size = len(effect.forms[0].parameters)
-            flow = effect.port == "flow"
-            simple = [form for form in effect.found_by if flow or len(form.parameters) <= size]
+            whole = effect.port == "flow" or any(form.state for form in effect.forms)
+            simple = [form for form in effect.found_by if whole or len(form.parameters) <= size]
             return self.best_form(current, effect, simple, noise, Effort.COARSE)
 
         blind = {e.name for e in candidates if may_hold(e)} if self._lost(current) else set()

@@ -190,6 +190,9 @@ class Form:
         Port ``"parallel"``: whether forces pass it, too, and see what it adds; its only parameter is a gain.
     families : tuple of str
         Kinds of models it makes sense for, of those of the effect.
+    in_motion : bool
+        Whether it has a past before the first row that is not zero: for records that may begin in the midst
+        of a motion.
     """
 
     name: str
@@ -203,6 +206,7 @@ class Form:
     refines: bool = False
     inside: bool = False
     families: tuple[str, ...] = FAMILIES
+    in_motion: bool = False
 
     @property
     def jumps(self) -> bool:
@@ -268,9 +272,13 @@ class Effect:
         """Finer laws, tried where it was found and something is left."""
         return tuple(form for form in self.forms if form.refines)
 
-    def within(self, family: str) -> "Effect":
-        """Return the effect with the forms that make sense for a kind of models."""
-        forms = tuple(form for form in self.forms if family in form.families)
+    def within(self, family: str, in_motion: bool) -> "Effect":
+        """Return the effect with the forms that make sense for a kind of models.
+
+        ``in_motion`` says that the record may begin in the midst of a motion.
+        """
+        suited = (form for form in self.forms if family in form.families)
+        forms = tuple(form for form in suited if in_motion or not form.in_motion)
         return self if len(forms) == len(self.forms) else replace(self, forms=forms)
 
     def form(self, name: str) -> Form:

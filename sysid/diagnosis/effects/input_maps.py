@@ -75,10 +75,26 @@ def _rate_limit_two_sided(u: Floats, p: Floats, period: float) -> Floats:
 
 
 def delayed(u: Floats, p: Floats, period: float) -> Floats:
-    """Delay a sequence by ``p[0]`` seconds."""
+    """Delay a sequence by ``p[0]`` seconds, from rest."""
     from sysid.diagnosis.effects.maps import delay
 
-    return np.asarray(delay(u, p[0] / period))
+    return np.asarray(delay(u, p[0] / period, 0.0))
+
+
+def delayed_in_motion(u: Floats, p: Floats, period: float) -> Floats:
+    """Delay a sequence by ``p[0]`` seconds, before which it was as at first."""
+    from sysid.diagnosis.effects.maps import delay
+
+    return np.asarray(delay(u, p[0] / period, u[0]))
+
+
+def delays(points: tuple[float, ...], slope: str) -> tuple[Form, ...]:
+    """Return the forms of a dead time, tried first at so many samples."""
+    dead_time = EffectParameter("delay", "s", "dead time", Grid("period", points), minimum=0.0)
+    return (
+        Form("delay", (dead_time,), delayed, slope=slope),
+        Form("delay in motion", (dead_time,), delayed_in_motion, slope=slope, in_motion=True),
+    )
 
 
 def _at_first(u: Floats) -> float:
@@ -196,21 +212,7 @@ EFFECTS = (
         "residual correlates with the input at early lags; worse at high frequencies",
         "out_lowpass also loses amplitude; extra_mode rings",
         "Richard (2003), Time-delay systems, Automatica 39",
-        (
-            Form(
-                "delay",
-                (
-                    EffectParameter(
-                        "delay",
-                        "s",
-                        "dead time",
-                        Grid("period", (0.3, 0.7, 1.0, 1.4, 1.7, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)),
-                        minimum=0.0,
-                    ),
-                ),
-                delayed,
-            ),
-        ),
+        delays((0.3, 0.7, 1.0, 1.4, 1.7, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0), "pointwise"),
     ),
     Effect(
         "in_rate_limit",

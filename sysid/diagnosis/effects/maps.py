@@ -82,22 +82,21 @@ def rate_limit(u: Floats, fall: float, rise: float) -> Floats:
 
 
 @compiled
-def delay(u: Floats, samples: float) -> Floats:
-    """Delay by a number of samples, fractions by linear interpolation; before the start it is zero."""
-    x = np.zeros_like(u)
+def delay(u: Floats, samples: float, before: float) -> Floats:
+    """Delay by a number of samples, fractions by linear interpolation, with what was before the start."""
+    x = np.full_like(u, before)
     whole = int(samples)
     part = samples - whole
     for k in range(whole, u.size):
-        before = u[k - whole - 1] if k > whole else 0.0
-        x[k] = (1.0 - part) * u[k - whole] + part * before
+        earlier = u[k - whole - 1] if k > whole else before
+        x[k] = (1.0 - part) * u[k - whole] + part * earlier
     return x
 
 
 @compiled
-def low_pass(y: Floats, pole: float) -> Floats:
-    """Filter by (1 - pole) / (1 - pole q^-1), from rest."""
+def low_pass(y: Floats, pole: float, state: float) -> Floats:
+    """Filter by (1 - pole) / (1 - pole q^-1), from a given state."""
     x = np.empty_like(y)
-    state = 0.0
     for k in range(y.size):
         state = pole * state + (1.0 - pole) * y[k]
         x[k] = state

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sysid.diagnosis.effects.base import Effect, EffectParameter, Floats, Form, Grid
-from sysid.diagnosis.effects.input_maps import delayed
+from sysid.diagnosis.effects.input_maps import delays
 
 LEVELS = Grid("output quantile", (0.4, 0.55, 0.7, 0.8, 0.88, 0.94, 0.98, 1.0))
 SENSORS = "Fraden (2016), Handbook of Modern Sensors"
@@ -44,7 +44,22 @@ def _quadratic(y: Floats, p: Floats, period: float) -> Floats:
 def _low_pass(y: Floats, p: Floats, period: float) -> Floats:
     from sysid.diagnosis.effects.maps import low_pass
 
-    return np.asarray(low_pass(y, np.exp(-period / max(p[0], 1e-3 * period))))
+    return np.asarray(low_pass(y, np.exp(-period / max(p[0], 1e-3 * period)), 0.0))
+
+
+def _low_pass_in_motion(y: Floats, p: Floats, period: float) -> Floats:
+    from sysid.diagnosis.effects.maps import low_pass
+
+    return np.asarray(low_pass(y, np.exp(-period / max(p[0], 1e-3 * period)), y[0]))
+
+
+LAG = EffectParameter(
+    "time_constant",
+    "s",
+    "of the filter",
+    Grid("period", (0.3, 0.7, 1.5, 3.0, 6.0, 12.0, 25.0)),
+    minimum=0.0,
+)
 
 
 def _level(name: str, side: str) -> EffectParameter:
@@ -143,22 +158,7 @@ EFFECTS = (
         "the residual follows the slope of the output",
         "for a linear model it equals in_delay; a second sensor tells them apart",
         "Richard (2003), Time-delay systems, Automatica 39",
-        (
-            Form(
-                "delay",
-                (
-                    EffectParameter(
-                        "delay",
-                        "s",
-                        "dead time",
-                        Grid("period", (0.3, 0.7, 1.0, 1.4, 1.7, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)),
-                        minimum=0.0,
-                    ),
-                ),
-                delayed,
-                slope="linear",
-            ),
-        ),
+        delays((0.3, 0.7, 1.0, 1.4, 1.7, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0), "linear"),
     ),
     Effect(
         "out_lowpass",
@@ -169,20 +169,8 @@ EFFECTS = (
         "out_delay comes late at full size; extra_mode rings",
         SENSORS,
         (
-            Form(
-                "first order",
-                (
-                    EffectParameter(
-                        "time_constant",
-                        "s",
-                        "of the filter",
-                        Grid("period", (0.3, 0.7, 1.5, 3.0, 6.0, 12.0, 25.0)),
-                        minimum=0.0,
-                    ),
-                ),
-                _low_pass,
-                slope="linear",
-            ),
+            Form("first order", (LAG,), _low_pass, slope="linear"),
+            Form("first order in motion", (LAG,), _low_pass_in_motion, slope="linear", in_motion=True),
         ),
     ),
 )

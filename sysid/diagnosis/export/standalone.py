@@ -18,7 +18,8 @@ _MAPS = {
     ("in_relay", "two-sided"): "np.where(s > p[1], 1.0, np.where(s < -p[0], -1.0 - p[2], 0.0))",
     ("in_backlash", "symmetric"): "play(s, p[0], p[0])",
     ("in_backlash", "two-sided"): "play(s, p[0], p[1])",
-    ("in_delay", "delay"): "delay(s, p[0] / T)",
+    ("in_delay", "delay"): "delay(s, p[0] / T, 0.0)",
+    ("in_delay", "delay in motion"): "delay(s, p[0] / T, s[0])",
     ("in_rate_limit", "symmetric"): "rate_limit(s, p[0] * T, p[0] * T)",
     ("in_rate_limit", "two-sided"): "rate_limit(s, p[0] * T, p[1] * T)",
     ("in_hysteresis", "symmetric"): "hysteresis(s, p[0], p[0])",
@@ -34,8 +35,10 @@ _MAPS = {
     ("out_rectify", "full-wave"): "np.abs(s)",
     ("out_rectify", "half-wave"): "np.maximum(s, 0.0)",
     ("out_quadratic", "quadratic"): "s + p[0] * s**2",
-    ("out_delay", "delay"): "delay(s, p[0] / T)",
-    ("out_lowpass", "first order"): "low_pass(s, np.exp(-T / p[0]))",
+    ("out_delay", "delay"): "delay(s, p[0] / T, 0.0)",
+    ("out_delay", "delay in motion"): "delay(s, p[0] / T, s[0])",
+    ("out_lowpass", "first order"): "low_pass(s, np.exp(-T / p[0]), 0.0)",
+    ("out_lowpass", "first order in motion"): "low_pass(s, np.exp(-T / p[0]), s[0])",
     ("feedthrough", "direct"): "p[0] * s",
     ("extra_mode", "second order"): "mode(s, p, T)",
 }
@@ -48,10 +51,10 @@ _HELPERS = {
         out.append(x)
     return np.array(out)
 """,
-    "delay": """def delay(s, samples):
+    "delay": """def delay(s, samples, before):
     whole = int(samples)
     part = samples - whole
-    padded = np.concatenate([np.zeros(whole + 1), s])
+    padded = np.concatenate([np.full(whole + 1, before), s])
     return (1.0 - part) * padded[1 : s.size + 1] + part * padded[: s.size]
 """,
     "rate_limit": """def rate_limit(s, fall, rise):
@@ -68,8 +71,8 @@ _HELPERS = {
         out.append(x)
     return np.array(out)
 """,
-    "low_pass": """def low_pass(s, pole):
-    x, out = 0.0, []
+    "low_pass": """def low_pass(s, pole, x):
+    out = []
     for value in s:
         x = pole * x + (1.0 - pole) * value
         out.append(x)

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.levenberg import Minimum, minimise
@@ -54,6 +55,32 @@ def from_poles(chain: Chain, data: Data, point: Floats, poles: Complexes, noise:
     linear = np.arange(start.size) >= n
     end = minimise(chain, data, start, noise, free=linear, iterations=2)
     return None if end is None else minimise(chain, data, end.point, noise)
+
+
+def with_best(chain: Chain, data: Data, point: Floats, free: Mask) -> Floats:
+    """Return a point whose free parameters, all of which the output follows linearly, are the best ones.
+
+    Of slow poles the starts are nearly alike in what they do, so that a damped search crawls from one of them
+    to the others and leaves the rest to other poles.  They are solved for, and once more for what rounding
+    left.
+    """
+    for _ in range(2 if free.any() else 0):
+        run = chain.run(data, point)
+        if run is None:
+            return point
+        lines = chain.slopes(data, point, run, WHITE, free)
+        lengths = np.linalg.norm(lines, axis=1)
+        if not np.isfinite(lengths).all() or not lengths.all():
+            return point
+        error = chain.error(data, run, WHITE)
+        step = np.linalg.lstsq((lines / lengths[:, np.newaxis]).T, error, rcond=1e-13)[0] / lengths
+        moved = point.copy()
+        moved[free] += step
+        after = chain.run(data, moved)
+        if after is None or np.sum(chain.error(data, after, WHITE) ** 2) >= np.sum(error**2):
+            return point
+        point = moved
+    return point
 
 
 def exchanged_poles(point: Floats, order: int) -> Iterator[Complexes]:

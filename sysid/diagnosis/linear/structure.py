@@ -22,7 +22,7 @@ from sysid.diagnosis.linear.parameters import (
 )
 from sysid.diagnosis.linear.probes import probe_directions
 from sysid.diagnosis.linear.profile import MOST_ROWS
-from sysid.diagnosis.linear.restarts import AGREEMENT, exchanged_poles, from_poles, restarted
+from sysid.diagnosis.linear.restarts import AGREEMENT, exchanged_poles, from_poles, restarted, with_best
 from sysid.diagnosis.linear.rows import Data, data_of, for_search, on_record
 from sysid.diagnosis.linear.search import EffectSearch, Grid
 from sysid.diagnosis.linear.starts import further_starts
@@ -104,7 +104,7 @@ class LinearStructure:
             same["constant_force"] = ""  # the constant is in the model
         names = {effect.name for effect in effects}
         return tuple(
-            effect.within("linear")
+            effect.within("linear", self.free_start)
             for effect in effects
             if "linear" in effect.families
             and not (effect.name in same and same[effect.name] in names | {""})
@@ -126,9 +126,8 @@ class LinearStructure:
         point[: 2 * self.order] = np.concatenate([fit.a[1:], fit.b[0]])
         if chain.constant:
             point[2 * self.order] = fit.constant
-        free = np.arange(point.size) >= 2 * self.order
-        minimum = minimise(chain, data, point, WHITE, free=free, iterations=3) if free.any() else None
-        minimum = minimise(chain, data, point if minimum is None else minimum.point, WHITE)
+        point = with_best(chain, data, point, np.arange(point.size) >= 2 * self.order)
+        minimum = minimise(chain, data, point, WHITE)
         if minimum is None:
             minimum = self._from_within_the_circle(chain, data, point)
         if minimum is None:

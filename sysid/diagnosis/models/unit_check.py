@@ -24,7 +24,8 @@ from sysid.physics.problem import Problem
 from sysid.physics.restarts import SCREENING_EVALUATIONS, descend
 
 # Start values are known within some 20 %, and what the model lacks moves a fit away from them: one that is
-# off by this factor misses them, and a conversion must bring it as much nearer.
+# off by this factor misses them, and a conversion must bring it as much nearer, and over half of the way on a
+# scale of factors: what is missing besides, such as friction, is in both.
 MISSED = 3.0
 # Nothing is looked for if the run at the start values has the size of the output within the first factor;
 # a conversion is thought of if it has that of the converted output within the second.
@@ -32,7 +33,7 @@ RIGHT, NEAR = 2.5, 4.0
 # The error with the column converted must not be larger by the first factor, and where the fit without has
 # missed no start value, smaller by the second.
 AS_GOOD, BETTER = 1.1, 0.5
-# What a model lacks changes its gain by less than this factor.
+# What a model lacks changes its gain, and values that are known, by less than this factor.
 LARGE = 20.0
 # An error of this share of the output's deviation follows nothing.
 FOLLOWS = 0.9
@@ -208,12 +209,14 @@ def _guessed(trial: Trial, size: float, ways: Mapping[float, list[Column]]) -> t
     plain = trial.search(1.0)
     missed = plain is None or trial.distance(plain.values) > MISSED
     most = np.inf if plain is None else (AS_GOOD if missed else BETTER) * plain.rms
-    nearest = MISSED if plain is None or not missed else min(MISSED, trial.distance(plain.values) / MISSED)
+    off = MISSED**2 if plain is None or not missed else trial.distance(plain.values)
+    nearest = min(off / MISSED, off**0.5)
     for factor, columns in ways.items():
         other = trial.search(factor)
         if other is not None and other.rms < most and trial.distance(other.values) < nearest:
             best, nearest = columns, trial.distance(other.values)
-            sure = plain is None or abs(np.log(factor)) > np.log(LARGE) or other.rms < BETTER * plain.rms
+            large = abs(np.log(factor)) > np.log(LARGE) or off > LARGE
+            sure = plain is None or large or other.rms < BETTER * plain.rms
     return best, sure
 
 

@@ -14,6 +14,10 @@ SLOW_PATH = (
     "Further dynamics beside the modelled ones that do not ring, such as a slow heat store or a second "
     "time constant: the model's order is too low, so try a higher one before you believe in a vibration."
 )
+BETWEEN_SAMPLES = (
+    "A delay of less than a sample beside a force is no transport: the plant feels its force at once and the "
+    "input held from sample to sample, the difference equation both of them alike."
+)
 # Forces of a moving body, and what the same law is where the output is no position.
 ELSEWHERE = {
     "gravity_sine": "a loss that is not in proportion to the output (drag of a vehicle, radiation of a hot "
@@ -33,6 +37,8 @@ def mechanism(effect: "Effect", diagnosis: "Outcome") -> str:
     """
     if effect.name == MODE and not _vibrates(diagnosis):
         return SLOW_PATH
+    if effect.name == "in_delay" and _between_samples(diagnosis):
+        return BETWEEN_SAMPLES
     physical = getattr(diagnosis.structure, "plant", None) is not None
     other = "" if physical else ELSEWHERE.get(effect.name, "")
     moves = _moves(diagnosis.record)
@@ -48,6 +54,15 @@ def _vibrates(diagnosis: "Outcome") -> bool:
     """Tell whether an added mode rings, and swings at least once in the longest experiment."""
     fitted = diagnosis.final.fitted
     return rings(fitted) and swings(fitted, diagnosis.record.longest)
+
+
+def _between_samples(diagnosis: "Outcome") -> bool:
+    """Tell whether a delay stands for what a difference equation does wrong with a force."""
+    fitted = diagnosis.final.fitted
+    forced = any(choice.effect.port == "force" for choice in fitted.choices)
+    linear = getattr(diagnosis.structure, "plant", None) is None
+    delays = [p.value for p in fitted.parameters_of("in_delay") if p.name == "delay"]
+    return linear and forced and any(delay < diagnosis.record.period for delay in delays)
 
 
 def _moves(record: "Record") -> bool | None:

@@ -9,6 +9,7 @@ from sysid.diagnosis.physics.points import with_states
 from sysid.diagnosis.physics.problem import Met, Problem
 from sysid.diagnosis.physics.scatter import within_limits
 from sysid.diagnosis.physics.search import grid_starts, problem_point, refined
+from sysid.diagnosis.physics.starts import at_the_same_flow
 from sysid.diagnosis.structures.structure import Effort
 from sysid.separable.descent import Minimum, Residual
 
@@ -92,7 +93,7 @@ def _tried_beside(
 ) -> list[Minimum[Residual]]:
     """Return where short searches from the best points of the grid have come to, each its own way."""
     points: list[Floats] = []
-    for centre in _centres(problem, before, known):
+    for centre in _centres(problem, before, known, new):
         starts = grid_starts(problem, before, centre, new)[: DESCENTS[effort]]
         points += [within_limits(problem, point) for _, point in starts]
     ends = list(found)
@@ -108,9 +109,10 @@ def _been_at(ends: Sequence[Minimum[Residual]]) -> Met:
     return lambda point: any(end.cost <= point.cost and _same(end, point) for end in ends)
 
 
-def _centres(problem: Problem, before: Problem, known: Floats) -> list[Floats]:
+def _centres(problem: Problem, before: Problem, known: Floats, new: Sequence[int]) -> list[Floats]:
     """Return the points without the new effects around which these are searched."""
-    centres = [known]
+    replaced = any(problem.choices[i].name == "sqrt_outflow" for i in new)
+    centres = [at_the_same_flow(problem.setting, known) if replaced else known]
     nominal = known.copy()
     nominal[: before.n_model] = problem.setting.nominal
     if not np.allclose(nominal, known, rtol=1e-3):

@@ -7,6 +7,7 @@ from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics.setting import LARGEST_LOGARITHM, Setting
 from sysid.errors import SysidError
 from sysid.physics import forced_kernels as fk
+from sysid.physics.expressions import symbols
 from sysid.physics.forced import NO_LAW, ForcedPlant
 from sysid.separable.descent import levenberg_marquardt
 
@@ -61,6 +62,34 @@ def wide_starts(setting: Setting, rows: Mask) -> list[Floats]:
             found.append((end.cost, end.x))
     found.sort(key=lambda item: item[0])
     return [*(x for _, x in found[:KEPT]), nominal]
+
+
+def at_the_same_flow(setting: Setting, point: Floats) -> Floats:
+    """Return a point whose outflows with the root of a level carry about what they did in proportion to it.
+
+    From a x to a sqrt(x) the coefficient changes by the root of the level, which depends on its unit: of a
+    level in millimetres a search from the same number starts with next to no flow.
+
+    Examples
+    --------
+    >>> from sysid.data import make_record
+    >>> from sysid.diagnosis.diagnose import structure_of
+    >>> record = make_record(np.arange(30.0), np.tile([90.0, 110.0], 15), period=1.0)
+    >>> setting = structure_of(record, "two-tanks", None, "rest").setting
+    >>> np.exp(at_the_same_flow(setting, setting.nominal)).round(3)
+    array([1. , 1. , 0.1])
+    """
+    record, model = setting.record, setting.model
+    level = float(np.nanmean(np.abs(record.y[record.learning, 0])))
+    states = {model.states[i].name for i in setting.plant.port.levels}
+    flows = [symbols(term.expression) for equation in model.equations for term in equation.terms]
+    moved = point.copy()
+    for place, parameter in enumerate(setting.searched):
+        if level > 0.0 and any(parameter.name in inside and inside & states for inside in flows):
+            moved[place] = (
+                moved[place] + 0.5 * np.log(level) if parameter.positive else moved[place] * level**0.5
+            )
+    return moved
 
 
 def _response_of_linear_fit(setting: Setting, rows: Mask) -> tuple[Floats, Floats, Floats]:

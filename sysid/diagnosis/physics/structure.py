@@ -116,7 +116,9 @@ class PhysicsStructure:
 
         A relay gets a level of its own unless the model has a free gain.
         """
-        sensible = [effect.within("physics") for effect in effects if self._makes_sense(effect)]
+        sensible = [
+            effect.within("physics", self.free_start) for effect in effects if self._makes_sense(effect)
+        ]
         if all(effect.name not in SWITCHES for effect in sensible) or self._has_free_gain():
             return tuple(sensible)
         return tuple(with_level(effect) if effect.name in SWITCHES else effect for effect in sensible)
