@@ -73,10 +73,10 @@ def with_effects(
     if not (blind or short or decision.verdict == "unexplained"):
         return first
     for order in _others(structure.order, blind):
-        other = LinearStructure(record, order, initial_state=structure.initial_state)
+        other = structure.of_order(order)
         found, curves = decide(other)
         named = found.verdict == "missing-effect" and not LINEAR.intersection(found.final.names)
-        if named and is_better_held_out(evidence, found.final, decision.final):
+        if named and not found.cut_short and is_better_held_out(evidence, found.final, decision.final):
             return other, found, curves
     return first
 

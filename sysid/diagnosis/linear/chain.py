@@ -20,6 +20,7 @@ from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.linear.tangents import tangent, tangent_driven, tangent_through
 from sysid.diagnosis.structures.structure import Choice
 from sysid.diagnosis.structures.whitening import opening
+from sysid.diagnosis.structures.work import Steps
 from sysid.errors import UsageError
 
 # Ports of effects that act within the equation; the compiled run takes so many.
@@ -76,9 +77,18 @@ class Chain:
     order : int
     choices : sequence of Choice
     constant, free_start : bool
+    steps : Steps, optional
+        Where rows of runs and of lines of Jacobians are counted.
     """
 
-    def __init__(self, order: int, choices: Sequence[Choice], constant: bool, free_start: bool) -> None:
+    def __init__(
+        self,
+        order: int,
+        choices: Sequence[Choice],
+        constant: bool,
+        free_start: bool,
+        steps: Steps | None = None,
+    ) -> None:
         self.order, self.choices = order, tuple(choices)
         self.constant, self.free_start = constant, free_start
         self.at = {port: [i for i, c in enumerate(choices) if c.effect.port == port] for port in _PORTS}
@@ -88,6 +98,7 @@ class Chain:
                 f"{len(drives)} forces are asked for in a linear model: take at most {MOST_DRIVES}"
             )
         self.drives = drives
+        self.steps = Steps() if steps is None else steps
         self._layouts: dict[Data, Layout] = {}
         self._bounds: dict[Data, tuple[Floats, Floats]] = {}
         self._mapped: tuple[Data, bytes, Floats] | None = None
@@ -148,6 +159,7 @@ class Chain:
 
     def run(self, data: Data, point: Floats) -> Run | None:
         """Simulate; None if it diverges."""
+        self.steps.taken += data.u.size
         x = self._recalled(data, point)
         z = np.empty(x.size)
         v = np.empty(x.size) if self.drives else x
@@ -223,6 +235,7 @@ class Chain:
         """
         places, n_linear = self.places(data), self.n_linear(data)
         wanted = np.ones(point.size, dtype=bool) if free is None else free
+        self.steps.taken += int(np.count_nonzero(wanted)) * data.u.size
         slopes = self.drive_slopes(data, point, run)
         moved = [(row, change * slopes[0]) for row, change in self._input_changes(data, point, wanted)]
         moved += self._law_changes(data, point, run, wanted)

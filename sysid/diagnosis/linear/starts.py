@@ -36,7 +36,7 @@ def _with_signs(chain: Chain, data: Data, point: Floats) -> list[Floats]:
     of its fit to the output less part of its mean: where the rectifier folds much of the signal over,
     the mean is its trace.
     """
-    plain = Chain(chain.order, chain.choices[:-1], chain.constant, chain.free_start)
+    plain = Chain(chain.order, chain.choices[:-1], chain.constant, chain.free_start, chain.steps)
     size = float(np.sqrt(np.mean(data.y[data.used] ** 2)))
     run, guesses = plain.run(data, point), []
     for sign in retrieved_signs(data, data.u if run is None else run.x, chain.constant):

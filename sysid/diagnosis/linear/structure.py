@@ -28,9 +28,10 @@ from sysid.diagnosis.linear.search import EffectSearch, Grid
 from sysid.diagnosis.linear.starts import further_starts
 from sysid.diagnosis.linear.thresholds import cells_around
 from sysid.diagnosis.structures.exercised import shows
-from sysid.diagnosis.structures.memory import Fits, Memory
+from sysid.diagnosis.structures.memory import Fits, Memory, key_of
 from sysid.diagnosis.structures.sides import with_forms_of
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
+from sysid.diagnosis.structures.work import Steps, Work
 from sysid.errors import DataError, UsageError
 from sysid.linear.output_error import fit_output_error
 
@@ -42,6 +43,9 @@ DRAWN_IN = (1.0 - 1e-6, 1.0 - 1e-4, 0.99)
 CENTRED = ("gravity_sine", "cubic_stiffness")
 # Up to this order poles are tried in other places.
 MOST_EXCHANGED = 4
+# Work of a whole search, in rows of runs and of lines of Jacobians, for so many rows to learn from; more for
+# more.  And what part of it each further order is given: there the first effects explain the record, or none.
+WORK, WORK_ROWS, FURTHER_ORDER = 250e6, 1_600, 0.1
 # A higher order must lower the validation error by at least this share.
 WORTHWHILE = 0.02
 
@@ -92,10 +96,17 @@ class LinearStructure:
         self.order = self._chosen_order() if order is None else order
         self._baselines: dict[bytes, Floats] = {}
         self._fits, self._grids = Fits(), Memory[Grid]()
+        self.work = Work(WORK * max(float(record.learning.sum()) / WORK_ROWS, 1.0))
 
     def on(self, record: Record) -> "LinearStructure":
         """Return the same structure, of the same order, for another record."""
         return LinearStructure(record, self.order, initial_state=self.initial_state)
+
+    def of_order(self, order: int) -> "LinearStructure":
+        """Return the structure of another order for the same record, whose search is given less work."""
+        other = LinearStructure(self.record, order, initial_state=self.initial_state)
+        other.work = Work(FURTHER_ORDER * self.work.given)
+        return other
 
     def offered(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
         """Return the effects that make sense for a linear difference equation, in the given order."""
@@ -176,10 +187,24 @@ class LinearStructure:
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: Effort
     ) -> StructureFit:
         """Fit the model with these effects, from a fit with fewer, other or the same effects."""
-        return self._fits.fitted(self._fit, choices, rows, noise, start, effort)
+        return self._fits.fitted(self._counted, choices, rows, noise, start, effort)
+
+    def _counted(
+        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: Effort
+    ) -> StructureFit:
+        steps = Steps()
+        fit = self._fit(choices, rows, noise, start, effort, steps)
+        self.work.note(key_of(choices, rows, noise, start, effort), steps.taken)
+        return fit
 
     def _fit(
-        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: Effort
+        self,
+        choices: Sequence[Choice],
+        rows: Mask,
+        noise: Floats,
+        start: StructureFit,
+        effort: Effort,
+        steps: Steps,
     ) -> StructureFit:
         if effort is Effort.REFIT:
             places = self.chain(start.choices).places(self.data(start.rows))
@@ -189,7 +214,7 @@ class LinearStructure:
         if too_many_drives(choices):
             return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status=TOO_MANY)
         data = self.data(rows)
-        chain = self.chain(kept)
+        chain = self.chain(kept, steps)
         point = self._carried(start, chain, data)
         if not new or kept != start.choices:
             minimum = self._polished(chain, data, point, noise)
@@ -204,7 +229,7 @@ class LinearStructure:
                 point = minimum.point
         agree = start.restarts_agree
         for choice in new:
-            chain = self.chain((*chain.choices, choice))
+            chain = self.chain((*chain.choices, choice), steps)
             minimum, agree = self._searched(chain, data, rows, point, noise, effort)
             point = point if minimum is None else minimum.point
             if minimum is None:
@@ -247,12 +272,19 @@ class LinearStructure:
         part = for_search(data, self.free_start)
         names = tuple((choice.name, choice.form.name) for choice in chain.choices)
 
-        def searched() -> Grid:
-            starts = [point, *further_starts(chain, part, point)]
-            return EffectSearch(chain, part, noise, starts).searched()
-
         # A fine search begins as the coarse one did.
-        grid = self._grids.recalled((names, rows.tobytes(), noise.tobytes(), point.tobytes()), searched)
+        key = names, rows.tobytes(), noise.tobytes(), point.tobytes()
+
+        def searched() -> Grid:
+            fitted = chain.steps.taken
+            starts = [point, *further_starts(chain, part, point)]
+            grid = EffectSearch(chain, part, noise, starts).searched()
+            # They are the grid's, whichever fit was the first to ask for it.
+            self.work.note(key, chain.steps.taken - fitted)
+            chain.steps.taken = fitted
+            return grid
+
+        grid = self._grids.recalled(key, searched)
         ends = EffectSearch(chain, part, noise, grid.starts, grid.found).search(effort)
         if not ends:
             return None, False
@@ -316,10 +348,10 @@ class LinearStructure:
         """Return the model's equation with its effects, for a reader."""
         return equation_text(self.order, self.free_start, fit.point, fit.choices)
 
-    def chain(self, choices: Sequence[Choice]) -> Chain:
+    def chain(self, choices: Sequence[Choice], steps: Steps | None = None) -> Chain:
         """Return the model with effects; noise is not part of it."""
         kept = tuple(choice for choice in choices if choice.effect.port != "noise")
-        return Chain(self.order, kept, self.free_start, self.free_start)
+        return Chain(self.order, kept, self.free_start, self.free_start, steps)
 
     def data(self, rows: Mask) -> Data:
         """Return the experiments with chosen rows, each up to its last chosen one."""
