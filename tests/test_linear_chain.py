@@ -192,7 +192,8 @@ def test_both_filters_are_the_same():
     rows[[0, 7, 8, 21]] = False
     noise = np.array([1.0, -0.7, 0.2])
     begin = np.array([0, 25, 40])
-    kernel = chosen_filtered(np.ascontiguousarray(values.T), rows, begin, noise, opening(noise)).T
+    runs = Data(values[:, 0], values[:, 0], rows, begin, 1.0).runs
+    kernel = chosen_filtered(np.ascontiguousarray(values.T), runs, noise, opening(noise)).T
     first = np.concatenate([filtered(values[i:j], rows[i:j], noise) for i, j in ((0, 25), (25, 40))])
     assert np.allclose(kernel, first)
 

@@ -3,7 +3,8 @@
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.linear.chain import DRIVING, Chain, Run
+from sysid.diagnosis.linear.chain import Chain, Run
+from sysid.diagnosis.linear.drives import DRIVING
 from sysid.diagnosis.linear.kernels import is_stable, simulate
 from sysid.diagnosis.linear.levenberg import minimise
 from sysid.diagnosis.linear.rows import Data

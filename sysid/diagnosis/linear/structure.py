@@ -10,10 +10,12 @@ from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.linear.cells import within_cells
-from sysid.diagnosis.linear.chain import MOST_DRIVES, Chain, too_many_drives
+from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.directions import directions_of
+from sysid.diagnosis.linear.drives import MOST_DRIVES, too_many_drives
 from sysid.diagnosis.linear.free_run import free_run
 from sysid.diagnosis.linear.levenberg import Minimum, minimise
+from sysid.diagnosis.linear.order import chosen_order
 from sysid.diagnosis.linear.parameters import (
     equation_text,
     named_parameters,
@@ -22,7 +24,13 @@ from sysid.diagnosis.linear.parameters import (
 )
 from sysid.diagnosis.linear.probes import probe_directions
 from sysid.diagnosis.linear.profile import MOST_ROWS
-from sysid.diagnosis.linear.restarts import AGREEMENT, exchanged_poles, from_poles, restarted
+from sysid.diagnosis.linear.restarts import (
+    AGREEMENT,
+    exchanged_poles,
+    from_poles,
+    from_within_the_circle,
+    restarted,
+)
 from sysid.diagnosis.linear.rows import Data, data_of, for_search, on_record
 from sysid.diagnosis.linear.search import EffectSearch, Grid
 from sysid.diagnosis.linear.starts import further_starts
@@ -36,9 +44,6 @@ from sysid.errors import DataError, UsageError
 from sysid.linear.output_error import fit_output_error
 
 TOO_MANY = f"a linear model takes at most {MOST_DRIVES} forces"
-HIGHEST_ORDER = 6
-# By how much poles on the unit circle are drawn in.
-DRAWN_IN = (1.0 - 1e-6, 1.0 - 1e-4, 0.99)
 # Laws about a position of zero: seen from afar they are a bend of any shape, whatever bends.
 CENTRED = ("gravity_sine", "cubic_stiffness")
 # Up to this order poles are tried in other places.
@@ -46,8 +51,6 @@ MOST_EXCHANGED = 4
 # Work of a whole search, in rows of runs and of lines of Jacobians, for so many rows to learn from; more for
 # more.  And what part of it each further order is given: there the first effects explain the record, or none.
 WORK, WORK_ROWS, FURTHER_ORDER = 250e6, 1_600, 0.1
-# A higher order must lower the validation error by at least this share.
-WORTHWHILE = 0.02
 
 
 class LinearStructure:
@@ -93,7 +96,7 @@ class LinearStructure:
         self.free_start = initial_state == "estimate"
         self.initial_state = initial_state
         self._data = lru_cache(maxsize=16)(lambda rows: data_of(record, np.frombuffer(rows, dtype=bool)))
-        self.order = self._chosen_order() if order is None else order
+        self.order = chosen_order(record, self._of_order) if order is None else order
         self._baselines: dict[bytes, Floats] = {}
         self._fits, self._grids = Fits(), Memory[Grid]()
         self.work = Work(WORK * max(float(record.learning.sum()) / WORK_ROWS, 1.0))
@@ -141,7 +144,7 @@ class LinearStructure:
         minimum = minimise(chain, data, point, WHITE, free=free, iterations=3) if free.any() else None
         minimum = minimise(chain, data, point if minimum is None else minimum.point, WHITE)
         if minimum is None:
-            minimum = self._from_within_the_circle(chain, data, point)
+            minimum = from_within_the_circle(chain, data, point)
         if minimum is None:
             raise DataError("the baseline diverges in simulation: give another --order")
         if fit.restarts_agree:
@@ -388,37 +391,7 @@ class LinearStructure:
             status=status,
         )
 
-    def _from_within_the_circle(self, chain: Chain, data: Data, point: Floats) -> Minimum | None:
-        """Search from poles drawn in a little: several on the unit circle are outside it by rounding."""
-        for radius in DRAWN_IN:
-            start = point.copy()
-            start[: self.order] *= radius ** np.arange(1, self.order + 1)
-            linear = np.arange(start.size) >= self.order
-            minimum = minimise(chain, data, start, WHITE, free=linear, iterations=2)
-            if minimum is not None:
-                return minimise(chain, data, minimum.point, WHITE)
-        return None
-
-    def _chosen_order(self) -> int:
-        """Return the lowest order whose validation error is not worth a higher one.
-
-        Poles and zeros that nearly cancel have no place of their own: an order whose restarts disagree is
-        taken only where those of no order agree.
-        """
-        record, best, chosen = self.record, np.inf, 1
-        any_best, any_chosen = np.inf, 0
-        for order in range(1, HIGHEST_ORDER + 1):
-            self.order = order
-            try:
-                fit = self.baseline(record.estimation)
-            except DataError:
-                if order == 1:
-                    raise
-                break  # a lower order follows the record without running away
-            error = record.y[:, 0] - fit.output
-            cost = float(np.mean(error[record.validation] ** 2))
-            if cost < any_best * (1.0 - WORTHWHILE) ** 2:
-                any_best, any_chosen = cost, order
-            if fit.restarts_agree and cost < best * (1.0 - WORTHWHILE) ** 2:
-                best, chosen = cost, order
-        return chosen if np.isfinite(best) else max(any_chosen, 1)
+    def _of_order(self, order: int) -> StructureFit:
+        """Return the model without effects of an order, which becomes the structure's."""
+        self.order = order
+        return self.baseline(self.record.estimation)
