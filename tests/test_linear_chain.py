@@ -122,6 +122,25 @@ def test_the_jacobian_is_the_slope_of_the_run(names, values):
         assert np.quantile(np.abs(J[i] - slope), 0.99) < 2e-5 * max(1.0, np.abs(slope).max())
 
 
+@pytest.mark.parametrize("order", [1, 3, 4, 6])
+@pytest.mark.parametrize("force", [[], ["quad_drag"], ["cubic_stiffness", "quad_drag"]])
+def test_the_jacobian_is_the_slope_of_the_run_at_any_order(order, force):
+    """The last experiment ends before all of its starts are felt."""
+    data = make_data(201)
+    data = Data(data.u, data.y, data.used, np.array([0, 90, 199, 201]), data.period)
+    chain = Chain(order, [choice(name) for name in force], True, True)
+    a = np.poly([0.8, 0.5, -0.3, 0.2, 0.6, -0.1][:order])[1:]
+    starts = np.random.default_rng(1).uniform(-0.2, 0.2, 3 * order)
+    point = np.concatenate([a, np.full(order, 0.2 / order), [0.02], starts, np.full(len(force), 0.02)])
+    J = chain.jacobian(data, point, chain.run(data, point))
+    for i in range(point.size):
+        step = np.zeros(point.size)
+        step[i] = 1e-6
+        slope = (chain.run(data, point + step).y - chain.run(data, point - step).y) / 2e-6
+        # Difference quotients of 1e-6 have a rounding of 1e-10 times what the poles amplify.
+        assert np.abs(J[i] - slope).max() < 2e-6 * max(1.0, np.abs(slope).max())
+
+
 @pytest.mark.parametrize(
     ("names", "values"),
     [
@@ -186,13 +205,23 @@ def test_a_step_leaves_out_what_is_held_at_its_bound_and_what_depends_on_others(
     assert scaled_triangle(lines.copy(), -error, low, high)[0][1, 1] == 1.0
 
 
+def test_what_forces_do_at_given_motion_is_what_acts_in_a_run():
+    data = make_data(experiments=2)
+    chain = Chain(2, [choice("quad_drag"), choice("op_gain")], False, False)
+    point = np.concatenate([A, B, [0.4, 0.3, 0.8]])
+    run = chain.run(data, point)
+    # The same law, compiled once for a row and once for all: no more than rounding apart.
+    assert np.allclose(chain.felt(data, point, run.x, run.z), run.v, rtol=1e-14, atol=1e-15)
+
+
 def test_both_filters_are_the_same():
     rng = np.random.default_rng(0)
     values, rows = rng.standard_normal((40, 3)), np.ones(40, dtype=bool)
     rows[[0, 7, 8, 21]] = False
     noise = np.array([1.0, -0.7, 0.2])
     begin = np.array([0, 25, 40])
-    kernel = chosen_filtered(np.ascontiguousarray(values.T), rows, begin, noise, opening(noise)).T
+    runs = Data(values[:, 0], values[:, 0], rows, begin, 1.0).runs
+    kernel = chosen_filtered(np.ascontiguousarray(values.T), runs, noise, opening(noise)).T
     first = np.concatenate([filtered(values[i:j], rows[i:j], noise) for i, j in ((0, 25), (25, 40))])
     assert np.allclose(kernel, first)
 

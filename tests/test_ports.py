@@ -21,6 +21,7 @@ from sysid.diagnosis.ports.uncertainty import Shape, shape_of
 from sysid.errors import DataError, ModelError, UsageError
 from sysid.linear import fit_output_error, predict
 from sysid.nonlinearities import Spline
+from sysid.nonlinearities.spline_kernels import fill_basis, fill_values
 from sysid.physics import fit_physics, load_model
 
 CASES = [(port, name) for port, maps in MAPS.items() for name in maps]
@@ -482,3 +483,14 @@ def test_a_plant_that_ran_off_beyond_all_numbers_has_no_curve():
     lost = replace(fit, values={"m": 1e-320, "c": 1.0, "k": 1.0}, nominal={})
     for curve in explore_ports(record, lost):
         assert curve.value.size == 0
+
+
+def test_kernels_are_compiled_for_one_type_of_arguments():
+    """The first run after an installation waits for each: a read-only input or knots would make another."""
+    u = np.random.default_rng(0).uniform(-1.0, 1.0, (200, 1))
+    u.setflags(write=False)
+    record = make_record(u[:, 0], np.convolve(u[:, 0], 0.7 ** np.arange(20))[:200], period=PERIOD)
+    plant = plant_of(fit_output_error(record, 1))
+    assert plant.map_input(u, 0).flags.writeable
+    Spline.fitted(u[:, 0], u[:, 0] ** 3, [-1.0, 0.0, 1.0])(u[:, 0].copy())
+    assert all(kind[1].mutable for kernel in (fill_basis, fill_values) for kind in kernel.signatures)

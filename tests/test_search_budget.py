@@ -9,10 +9,15 @@ import sysid
 from sysid.cli import main
 from sysid.data import make_record
 from sysid.diagnosis.decide.allowance import Allowance, allowance_of
+from sysid.diagnosis.decide.decision import Decision
+from sysid.diagnosis.decide.noise_colour import Noise
+from sysid.diagnosis.effects import find_effects
+from sysid.diagnosis.linear.structure import LinearStructure
+from sysid.diagnosis.orders import with_effects
 from sysid.diagnosis.physics import structure as physics_structure
 from sysid.diagnosis.physics.structure import PhysicsStructure
 from sysid.diagnosis.ports.physics_plant import PhysicsPlant
-from sysid.diagnosis.structures.structure import WHITE, Effort
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort
 from sysid.diagnosis.structures.work import Work
 from sysid.physics import fit_physics, load_model
 from sysid.physics.forced import COARSER, ForcedPlant
@@ -119,6 +124,49 @@ def test_a_fit_that_was_forgotten_counts_once():
     structure._fits._made.clear()
     structure.fit((), rows, WHITE, base, effort=Effort.REFIT)
     assert before < after == structure.work.done
+
+
+def test_linear_fits_count_once_whoever_asks_first():
+    (drag,) = find_effects(["quad_drag"])
+    (width,) = find_effects(["in_deadzone"])
+    done = []
+    for efforts in [(Effort.COARSE, Effort.FINE), (Effort.FINE, Effort.COARSE)]:
+        structure = LinearStructure(record(), 2, initial_state="rest")
+        rows = structure.record.estimation
+        base = structure.baseline(rows)
+        for effort in (*efforts, *efforts):
+            for effect in (drag, width):
+                structure.fit([Choice(effect, effect.forms[0])], rows, WHITE, base, effort=effort)
+            structure._fits._made.clear()
+        done.append(structure.work.done)
+    assert done[0] == done[1] > 0
+
+
+def decided(structure, *, named, cut_short=False):
+    """A decision with the true law, or that none explains."""
+    (limit,) = find_effects(["in_saturation"])
+    rows = structure.record.estimation
+    base = structure.baseline(rows)
+    choice = Choice(limit, limit.form("two-sided"))
+    fit = structure.fit([choice], rows, WHITE, base, effort=Effort.FINE)
+    verdict, fits, names = ("missing-effect", (fit,), (limit.name,)) if named else ("unexplained", (), ())
+    noise = Noise(WHITE, 1.0, 0.0)
+    return Decision(verdict, base, fits, names, (), (), noise, 1.0, 0.0, 0.0, cut_short=cut_short)
+
+
+@pytest.mark.parametrize("cut_short", [False, True])
+def test_another_order_explains_with_its_first_effects_or_not_at_all(cut_short):
+    first = LinearStructure(record(), 3, initial_state="rest")
+    tried = []
+
+    def decide(structure):
+        tried.append(structure)
+        return decided(structure, named=True, cut_short=cut_short), None
+
+    taken = with_effects((first, decided(first, named=False), None), decide, 0.01)
+    assert (taken[0] is first) == cut_short
+    assert [structure.order for structure in tried] == ([2, 1] if cut_short else [2])
+    assert all(structure.work.given < 0.5 * first.work.given for structure in tried)
 
 
 @pytest.mark.parametrize("damping", [0.2, 3.0, 40.0])

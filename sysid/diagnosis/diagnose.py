@@ -81,8 +81,8 @@ def diagnose(
     progress : bool or None
         Whether to show on standard error what is being fitted; None does so on a terminal.
     thorough : bool
-        Whether to try all combinations of effects, however long the simulations of a physical model take.
-        By default a search of which these have taken many steps begins no further stage; the advice says so.
+        Whether to try all combinations of effects, however long the simulations take.  By default a search of
+        which these have taken many steps begins no further stage; the advice says so.
 
     Returns
     -------

@@ -79,7 +79,7 @@ class _Orders:
 
     def __init__(self, structure: LinearStructure, decide: Decide, alpha: float) -> None:
         self.first, self._decide = structure, decide
-        self._known: dict[int, Decided] = {}
+        self._known: dict[tuple[int, bool], Decided] = {}
         record = structure.record
         self.evidence = Evidence(structure, record.estimation, record.validation, alpha)
 
@@ -90,12 +90,12 @@ class _Orders:
             return first
         return LinearStructure(first.record, order, initial_state=first.initial_state)
 
-    def decided(self, order: int) -> Decided:
-        """Return what is missing at an order."""
-        if order not in self._known:
-            structure = self.at(order)
-            self._known[order] = (structure, *self._decide(structure))
-        return self._known[order]
+    def decided(self, order: int, spared: bool = False) -> Decided:
+        """Return what is missing at an order, by a search that is given less work if it is to be spared."""
+        if (order, spared) not in self._known:
+            structure = self.first.of_order(order) if spared else self.at(order)
+            self._known[order, spared] = (structure, *self._decide(structure))
+        return self._known[order, spared]
 
     def is_lost(self, fit: StructureFit) -> bool:
         """Tell whether a model is lost on held-out rows."""
@@ -129,7 +129,7 @@ class _Orders:
         if blind or not (short or decision.verdict == "unexplained"):
             return first
         for order in _lower(structure.order):
-            found = self._named(order)
+            found = self._named(order, spared=True)
             if found is not None and is_better_held_out(self.evidence, found[1].final, decision.final):
                 return found
         return first
@@ -159,11 +159,15 @@ class _Orders:
         as_good = self.evidence.own_criterion(fit) < self.evidence.own_criterion(other) + EVEN
         return as_good and block_separation(before, after) < TIED
 
-    def _named(self, order: int) -> Decided | None:
-        """Return what is missing at an order if that is known, and no matter of the order."""
-        decision = self.decided(order)[1]
+    def _named(self, order: int, spared: bool = False) -> Decided | None:
+        """Return what is missing at an order if that is known, and no matter of the order.
+
+        What a spared search would have gone on with is not believed.
+        """
+        found = self.decided(order, spared)
+        decision = found[1]
         named = decision.verdict == "missing-effect" and not _matter_of_order(decision.final.names)
-        return self.decided(order) if named else None
+        return found if named and not (spared and decision.cut_short) else None
 
     def _best_order(
         self, choices: Sequence[Choice], orders: Sequence[int], than: StructureFit, margin: float = EVEN

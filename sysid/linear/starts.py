@@ -94,5 +94,5 @@ def _runs(
 def _filtered(signal: Floats, reflections: Floats) -> Floats:
     a1, a2 = section_coefficients(reflections)
     out = np.empty_like(signal)
-    all_pole_filter(np.ascontiguousarray(signal), a1, a2, np.zeros((a1.size, 2)), out)
+    all_pole_filter(signal.copy(), a1, a2, np.zeros((a1.size, 2)), out)
     return out

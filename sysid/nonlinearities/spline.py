@@ -131,7 +131,8 @@ class Spline:
         flat = points.reshape(-1)
         values, slopes = np.empty(flat.size), np.empty(flat.size)
         form = EXTRAPOLATIONS[self.extrapolation]
-        fill_values(flat, self.knots, self.degree, form, self.coefficients, values, slopes)
+        knots, coefficients = self.knots.copy(), self.coefficients.copy()
+        fill_values(flat, knots, self.degree, form, coefficients, values, slopes)
         return values.reshape(points.shape), slopes.reshape(points.shape)
 
 
@@ -158,7 +159,7 @@ def spline_basis(
     places, degree, form = _checked_form(knots, degree, extrapolation)
     points = checked_sequence("spline", z)
     basis = np.zeros((points.size, places.size - 1 + degree))
-    fill_basis(points, places, degree, form, basis, np.zeros_like(basis))
+    fill_basis(points, places.copy(), degree, form, basis, np.zeros_like(basis))
     return basis
 
 

@@ -131,7 +131,9 @@ def score_screen(
     kept = eigenvalues > 1e-10 * eigenvalues[-1]
     root = vectors[:, kept] * np.sqrt(eigenvalues[kept])
     drawn = root @ rng.standard_normal((int(kept.sum()), REPLICATES))
-    null = np.add.reduceat(drawn**2, edges, axis=0).max(axis=0)
+    null = np.zeros(REPLICATES)
+    for part in np.split(drawn**2, edges[1:]):
+        np.maximum(null, part.sum(axis=0), out=null)
     return ScoreScreen(statistics, np.sort(null), len(bases))
 
 

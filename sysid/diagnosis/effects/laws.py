@@ -14,6 +14,8 @@ from sysid.diagnosis.effects.base import Effect, Floats, Form, Map
 
 # A drive gives the input that acts, from the input, position (or output), speed and parameters.
 Drive = Callable[[float, float, float, Floats], float]
+# The same for each row of sequences; the last one takes what acts.
+Rows = Callable[[Floats, Floats, Floats, Floats, Floats], None]
 _LIBRARY = "import numpy as np\n\n# Divided by zero, a number is infinite.\n\n\n"
 
 
@@ -33,15 +35,14 @@ def drive_of(effect: Effect, form: Form) -> Drive:
 
 
 @lru_cache(maxsize=256)
-def pointer_of(drive: Drive) -> Any:
-    """Return a drive as kernels take it: by its address, looked up once."""
+def pointer_of(law: Drive | Rows, kind: Any) -> Any:
+    """Return a drive, or one for rows, as kernels take it: by its address, looked up once."""
     from numba.experimental import function_type
 
     from sysid._compile import pointer
 
-    kind = drive_signature()
     address_of: Any = function_type._get_wrapper_address
-    return pointer(drive, kind, int(address_of(drive, kind)))
+    return pointer(law, kind, int(address_of(law, kind)))
 
 
 @lru_cache(maxsize=256)
@@ -56,8 +57,8 @@ def _change(port: str, expression: str, names: Sequence[str]) -> str:
     return f"u - {text}" if port == "force" else f"u * {text}"
 
 
-def rows_of(effect: Effect, form: Form) -> Callable[[Floats, Floats, Floats, Floats], Floats]:
-    """Return the drive of a force or gain for whole sequences: ``rows(u, x, v, parameters)``.
+def rows_of(effect: Effect, form: Form) -> Rows:
+    """Return the drive of a force or gain for whole sequences: ``rows(u, x, v, parameters, acting)``.
 
     Where nothing is fed back within it the compiler takes several rows at a time.
 
@@ -66,7 +67,9 @@ def rows_of(effect: Effect, form: Form) -> Callable[[Floats, Floats, Floats, Flo
     >>> import numpy as np
     >>> from sysid.diagnosis.effects import find_effects
     >>> (drag,) = find_effects(["quad_drag"])
-    >>> rows_of(drag, drag.forms[0])(np.ones(2), np.zeros(2), np.array([-2.0, 1.0]), np.array([0.5]))
+    >>> acting = np.empty(2)
+    >>> rows_of(drag, drag.forms[0])(np.ones(2), np.zeros(2), np.array([-2.0, 1.0]), np.array([0.5]), acting)
+    >>> acting
     array([3. , 0.5])
     """
     names = tuple(parameter.name for parameter in form.parameters)
@@ -74,17 +77,17 @@ def rows_of(effect: Effect, form: Form) -> Callable[[Floats, Floats, Floats, Flo
 
 
 @lru_cache(maxsize=256)
-def _rows(port: str, expression: str, names: tuple[str, ...]) -> Callable[..., Floats]:
-    from numba import types
+def _rows(port: str, expression: str, names: tuple[str, ...]) -> Rows:
+    return _looped(_change(port, expression, names))
 
-    row = types.Array(types.float64, 1, "C")
-    change = _change(port, expression, names)
+
+def _looped(change: str) -> Rows:
     source = (
-        f"{_LIBRARY}def law(inputs, positions, speeds, p):\n    out = np.empty(inputs.shape[0])\n"
+        f"{_LIBRARY}def law(inputs, positions, speeds, p, out):\n"
         "    for k in range(inputs.shape[0]):\n        u, x, v = inputs[k], positions[k], speeds[k]\n"
-        f"        out[k] = {change}\n    return out\n"
+        f"        out[k] = {change}\n"
     )
-    rows: Callable[..., Floats] = _compiled(source, row(row, row, row, row))
+    rows: Rows = _compiled(source, rows_signature())
     return rows
 
 
@@ -96,12 +99,27 @@ def no_drive() -> Drive:
 
 
 @lru_cache(maxsize=1)
+def no_rows() -> Rows:
+    """Return the same for rows."""
+    return _looped("u")
+
+
+@lru_cache(maxsize=1)
 def drive_signature() -> Any:
     """Return numba's type of a drive."""
     from numba import types
 
     number = types.float64
     return number(number, number, number, types.Array(number, 1, "C"))
+
+
+@lru_cache(maxsize=1)
+def rows_signature() -> Any:
+    """Return numba's type of a drive for rows."""
+    from numba import types
+
+    row = types.Array(types.float64, 1, "C")
+    return types.void(row, row, row, row, row)
 
 
 def pointwise(expression: str, variables: Sequence[str], names: Sequence[str]) -> Map:

@@ -7,8 +7,8 @@ import numpy as np
 
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats, Map
-from sysid.diagnosis.effects.laws import drive_of, no_drive, pointer_of, rows_of
-from sysid.diagnosis.linear.differences import STEP, quotient
+from sysid.diagnosis.linear.differences import STEP, fill_quotient
+from sysid.diagnosis.linear.drives import DRIVING, Drives
 from sysid.diagnosis.linear.kernels import (
     chosen_filtered,
     free_run,
@@ -20,12 +20,7 @@ from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.linear.tangents import tangent, tangent_driven, tangent_through
 from sysid.diagnosis.structures.structure import Choice
 from sysid.diagnosis.structures.whitening import opening
-from sysid.errors import UsageError
-
-# Ports of effects that act within the equation; the compiled run takes so many.
-DRIVING, MOST_DRIVES = ("force", "gain"), 2
-# Derivatives of the driven input by input, position and speed.
-Slopes = tuple[Floats | float, Floats, Floats]
+from sysid.diagnosis.structures.work import Steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +33,10 @@ class Layout:
         Number of parameters of the difference equation, starts included; they stand first.
     places : list of slice
         Of the parameters of each effect.
-    inputs : ndarray of int
-        Places of those of the maps of the input.
+    inputs, driving : ndarray of int
+        Places of those of the maps of the input, and of the drives.
+    followed : ndarray of int
+        Places of those by which `Chain.followed` differentiates, in its order.
     size : int
         Number of all.
     """
@@ -47,6 +44,8 @@ class Layout:
     n_linear: int
     places: list[slice]
     inputs: np.ndarray
+    driving: np.ndarray
+    followed: np.ndarray
     size: int
 
 
@@ -76,25 +75,32 @@ class Chain:
     order : int
     choices : sequence of Choice
     constant, free_start : bool
+    steps : Steps, optional
+        Where rows of runs and of lines of Jacobians are counted.
     """
 
-    def __init__(self, order: int, choices: Sequence[Choice], constant: bool, free_start: bool) -> None:
+    def __init__(
+        self,
+        order: int,
+        choices: Sequence[Choice],
+        constant: bool,
+        free_start: bool,
+        steps: Steps | None = None,
+    ) -> None:
         self.order, self.choices = order, tuple(choices)
         self.constant, self.free_start = constant, free_start
         self.at = {port: [i for i, c in enumerate(choices) if c.effect.port == port] for port in _PORTS}
         drives = [i for i, c in enumerate(choices) if c.effect.port in DRIVING]
-        if too_many_drives(choices):
-            raise UsageError(
-                f"{len(drives)} forces are asked for in a linear model: take at most {MOST_DRIVES}"
-            )
         self.drives = drives
+        self.steps = Steps() if steps is None else steps
         self._layouts: dict[Data, Layout] = {}
         self._bounds: dict[Data, tuple[Floats, Floats]] = {}
         self._mapped: tuple[Data, bytes, Floats] | None = None
-        compiled = [drive_of(choices[i].effect, choices[i].form) for i in drives]
-        laws = [*compiled, *[no_drive()] * (MOST_DRIVES - len(drives))] if drives else []
-        self.laws = [pointer_of(law) for law in laws]
-        self.rows_of_laws = [rows_of(choices[i].effect, choices[i].form) for i in drives]
+        self.driven = Drives([self.choices[i] for i in drives])
+        self.strengths = [np.array([p.is_strength for p in c.form.parameters], dtype=bool) for c in choices]
+        self.strengths_of_inputs = np.concatenate(
+            [_NO_STRENGTHS, *(self.strengths[i] for i in self.at["input"])]
+        )
         # A direct path that forces pass, too: where there are some.
         inside = [i for i in self.at["parallel"] if drives and self.choices[i].form.inside]
         self.inside = inside[0] if inside else None
@@ -114,8 +120,13 @@ class Chain:
         for choice in self.choices:
             places.append(slice(place, place + len(choice.form.parameters)))
             place = places[-1].stop
-        inputs = [row for i in self.at["input"] for row in range(places[i].start, places[i].stop)]
-        return Layout(n_linear, places, np.array(inputs, dtype=np.intp), place)
+        inputs, driving = (
+            np.array([row for i in which for row in range(places[i].start, places[i].stop)], dtype=np.intp)
+            for which in (self.at["input"], self.drives)
+        )
+        inside = [] if self.inside is None else [places[self.inside].start]
+        followed = np.concatenate([np.arange(n_linear), inputs, driving, np.array(inside, dtype=np.intp)])
+        return Layout(n_linear, places, inputs, driving, followed, place)
 
     def n_linear(self, data: Data) -> int:
         """Return the number of parameters of the difference equation, starts included."""
@@ -148,6 +159,7 @@ class Chain:
 
     def run(self, data: Data, point: Floats) -> Run | None:
         """Simulate; None if it diverges."""
+        self.steps.taken += data.u.size
         x = self._recalled(data, point)
         z = np.empty(x.size)
         v = np.empty(x.size) if self.drives else x
@@ -183,32 +195,23 @@ class Chain:
             # An unstable one would diverge on later rows; a force may hold such a plant.
             return bool(free_run(x, point, n, self.constant, self.free_start, data.begin, z))
         starts, constant = self._starts(data, point), point[2 * n] if self.constant else 0.0
-        p, q = self._law_parameters(data, point)
+        a, b, drives = point[:n], point[n : 2 * n], self.driven.given(self._of_drives(data, point))
         if self.inside is not None:
             from sysid.diagnosis.linear.direct_path import simulate_through
 
-            return bool(
-                simulate_through(
-                    x, point[:n], point[n : 2 * n], self._direct(data, point), constant, starts, data.begin,
-                    len(self.drives), self.laws[0], p, self.laws[1], q, z, v,
-                )
-            )  # fmt: skip
-        return bool(
-            simulate_driven(
-                x, point[:n], point[n : 2 * n], constant, starts, data.begin, len(self.drives),
-                self.laws[0], p, self.laws[1], q, z, v,
-            )
-        )  # fmt: skip
+            direct = self._direct(data, point)
+            return bool(simulate_through(x, a, b, direct, constant, starts, data.begin, *drives, z, v))
+        return bool(simulate_driven(x, a, b, constant, starts, data.begin, *drives, z, v))
 
     def _direct(self, data: Data, point: Floats) -> float:
         """Return the gain of the direct path inside the equation."""
         assert self.inside is not None
         return float(point[self.places(data)[self.inside].start])
 
-    def _law_parameters(self, data: Data, point: Floats) -> tuple[Floats, Floats]:
+    def _of_drives(self, data: Data, point: Floats) -> list[Floats]:
+        """Return the parameters of each drive."""
         places = self.places(data)
-        p = [np.ascontiguousarray(point[places[i]]) for i in self.drives]
-        return p[0], p[1] if len(p) > 1 else np.empty(0)
+        return [point[places[i]] for i in self.drives]
 
     def _starts(self, data: Data, point: Floats) -> Floats:
         if not self.free_start:
@@ -221,39 +224,40 @@ class Chain:
 
         By all of them where nothing is said.
         """
-        places, n_linear = self.places(data), self.n_linear(data)
+        layout = self.layout(data)
         wanted = np.ones(point.size, dtype=bool) if free is None else free
-        slopes = self.drive_slopes(data, point, run)
-        moved = [(row, change * slopes[0]) for row, change in self._input_changes(data, point, wanted)]
-        moved += self._law_changes(data, point, run, wanted)
-        inputs = np.array([change for _, change in moved]) if moved else np.empty((0, data.u.size))
-        columns = self.followed(data, point, run, slopes, inputs, wanted[:n_linear])
-        rows = [*np.flatnonzero(wanted[:n_linear]).tolist(), *(row for row, _ in moved)]
-        if self.inside is not None:
-            rows.append(places[self.inside].start)
-        if rows == np.flatnonzero(wanted).tolist():
-            J = columns
-        else:
-            line = np.cumsum(wanted) - 1
-            J = np.zeros((int(wanted.sum()), data.u.size))
-            asked = [number for number, row in enumerate(rows) if wanted[row]]
-            J[line[[rows[number] for number in asked]]] = columns[asked]
+        self.steps.taken += int(np.count_nonzero(wanted)) * data.u.size
+        slopes = self.drive_slopes(data, point, run, wanted[layout.driving])
+        inputs = self._input_changes(data, point, slopes[0], wanted, len(slopes) - 3)
+        inputs[inputs.shape[0] - len(slopes) + 3 :] = slopes[3:]
+        columns = self.followed(data, point, run, slopes, inputs, wanted[: layout.n_linear])
+        J = self._in_order(layout, columns, wanted)
         for i in self.at["parallel"]:
             self._fill_differences(data, i, data.u, point, wanted, J)
         for i, before in zip(self.at["output"], run.outputs, strict=False):
-            J = self._through(data, i, before, point[places[i]], J)
+            J = self._through(data, i, before, point[layout.places[i]], J)
             self._fill_differences(data, i, before, point, wanted, J)
         return J
 
+    def _in_order(self, layout: Layout, columns: Floats, wanted: Mask) -> Floats:
+        """Return what `followed` found in the order of a point; lines of other parameters are zero."""
+        rows = layout.followed[wanted[layout.followed]]
+        if rows.size == columns.shape[0] == np.count_nonzero(wanted) and (rows[1:] > rows[:-1]).all():
+            return columns
+        lines = np.cumsum(wanted) - 1
+        J = np.zeros((lines[-1] + 1, columns.shape[1]))
+        J[lines[rows]] = columns[: rows.size]  # that of the path inside is made in any case
+        return J
+
     def followed(
-        self, data: Data, point: Floats, run: Run, slopes: Slopes, inputs: Floats, own: Mask
+        self, data: Data, point: Floats, run: Run, slopes: Floats, inputs: Floats, own: Mask
     ) -> Floats:
         """Return how z follows its own parameters, small changes of v, and the direct path inside if any.
 
         ``slopes`` are those of `drive_slopes`, ``inputs`` has shape (n_changes, n_rows), ``own`` says which
         of its own parameters are asked for.
         """
-        n, (_, by_position, by_speed) = self.order, slopes
+        n, (by_position, by_speed) = self.order, slopes[1:3]
         a, b = point[:n], point[n : 2 * n]
         if not self.drives:
             found = tangent(run.z, run.v, a, b, data.begin, self.constant, own, inputs)
@@ -262,11 +266,9 @@ class Chain:
                 run.z, run.v, a, b, data.begin, self.constant, own, by_position, by_speed, inputs
             )
         else:
-            none = np.zeros_like(run.v)
-            outputs = np.array([none] * inputs.shape[0] + [run.v])
             found = tangent_through(
                 run.z, run.v, a, b, self._direct(data, point), data.begin, self.constant, own,
-                by_position, by_speed, np.vstack([inputs, none]), outputs,
+                by_position, by_speed, inputs,
             )  # fmt: skip
         return np.asarray(found)
 
@@ -276,65 +278,41 @@ class Chain:
             lines = self._through(data, i, before, point[self.places(data)[i]], lines)
         return lines
 
-    def _input_changes(self, data: Data, point: Floats, wanted: Mask) -> list[tuple[int, Floats]]:
-        """Return the change of x with each parameter of the input maps."""
-        found = []
-        for i in self.at["input"]:
-            place = self.places(data)[i]
-            for row in range(place.start, place.stop):
-                if not wanted[row]:
-                    continue
+    def _input_changes(
+        self, data: Data, point: Floats, slope: Floats, wanted: Mask, n_further: int
+    ) -> Floats:
+        """Return the change of v with each wanted parameter of the input maps, and room for further lines.
 
-                def mapped(value: float, row: int = row) -> Floats:
-                    shifted = point.copy()
-                    shifted[row] = value
-                    return self.mapped(data, shifted)
+        ``slope`` is that of v by x.
+        """
+        if not self.at["input"]:
+            return np.empty((n_further, data.u.size))
+        layout = self.layout(data)
+        rows = layout.inputs[wanted[layout.inputs]].tolist()
+        strengths = self.strengths_of_inputs[wanted[layout.inputs]].tolist()
+        changes = np.empty((len(rows) + n_further, data.u.size))
+        for line, (row, strength) in enumerate(zip(rows, strengths, strict=True)):
 
-                found.append((row, quotient(mapped, point[row], self._is_strength(i, row - place.start))))
-        return found
+            def mapped(value: float, row: int = row) -> Floats:
+                shifted = point.copy()
+                shifted[row] = value
+                return self.mapped(data, shifted)
 
-    def _law_changes(self, data: Data, point: Floats, run: Run, wanted: Mask) -> list[tuple[int, Floats]]:
-        found = []
+            fill_quotient(mapped, point[row], strength, changes[line])
+        changes[: len(rows)] *= slope
+        return changes
+
+    def drive_slopes(self, data: Data, point: Floats, run: Run, wanted: Mask) -> Floats:
+        """Return the derivative of v by input, position, speed and the ``wanted`` parameters of the drives.
+
+        Shape (3 + n_wanted, n_rows); without drives v is the input itself.
+        """
         speed = speed_of(run.z, data.begin) if self.drives else _NONE
-        for i in self.drives:
-            place = self.places(data)[i]
-            for row in range(place.start, place.stop):
-                if not wanted[row]:
-                    continue
-
-                def acting(value: float, row: int = row) -> Floats:
-                    shifted = point.copy()
-                    shifted[row] = value
-                    return self._driven(data, shifted, run.x, run.z, speed)
-
-                found.append((row, quotient(acting, point[row], self._is_strength(i, row - place.start))))
-        return found
-
-    def drive_slopes(self, data: Data, point: Floats, run: Run) -> Slopes:
-        """Return the derivative of the driven input by input, position and speed; empty without forces."""
-        if not self.drives:
-            return 1.0, _NONE, _NONE
-        seen = (run.x, run.z, speed_of(run.z, data.begin))
-
-        def slope(number: int) -> Floats:
-            step = STEP * spread(seen[number])
-            move = [step if i == number else 0.0 for i in range(3)]
-            ahead = self._driven(data, point, *(signal + by for signal, by in zip(seen, move, strict=True)))
-            behind = self._driven(data, point, *(signal - by for signal, by in zip(seen, move, strict=True)))
-            return np.asarray((ahead - behind) / (2.0 * step))
-
-        # Forces are taken from the input: they leave its slope as it is.
-        return slope(0) if self.at["gain"] else 1.0, slope(1), slope(2)
-
-    def _driven(self, data: Data, point: Floats, x: Floats, position: Floats, speed: Floats) -> Floats:
-        """Return the input after the drives."""
-        for law, i in zip(self.rows_of_laws, self.drives, strict=True):
-            x = law(x, position, speed, point[self.places(data)[i]])
-        return x
+        return self.driven.slopes(run.x, run.z, speed, self._of_drives(data, point), wanted)
 
     def felt(self, data: Data, point: Floats, x: Floats, z: Floats) -> Floats:
         """Return the input that acts if the output were ``z``."""
-        return self._driven(data, point, x, z, speed_of(z, data.begin))
+        return self.driven.acting(x, z, speed_of(z, data.begin), self._of_drives(data, point))
 
     def _fill_differences(
         self, data: Data, i: int, sequence: Floats, point: Floats, wanted: Mask, J: Floats
@@ -350,11 +328,8 @@ class Chain:
                 shifted[j] = value
                 return data.by_experiment(_map(self.choices[i]), sequence, shifted)
 
-            J[line] = quotient(mapped, p[j], self._is_strength(i, j))
+            fill_quotient(mapped, p[j], bool(self.strengths[i][j]), J[line])
             line += 1
-
-    def _is_strength(self, i: int, j: int) -> bool:
-        return self.choices[i].form.parameters[j].is_strength
 
     def _through(self, data: Data, i: int, before: Floats, p: Floats, J: Floats) -> Floats:
         """Return what an output map makes of small changes of its sequence."""
@@ -382,16 +357,11 @@ class Chain:
     def _filtered(self, data: Data, lines: Floats, noise: Floats) -> Floats:
         if noise.size == 1 and data.all_used:
             return lines
-        return np.asarray(chosen_filtered(lines, data.used, data.begin, noise, opening(noise)))
-
-
-def too_many_drives(choices: Sequence[Choice]) -> bool:
-    """Tell whether more effects act within the equation than the compiled run takes."""
-    return sum(choice.effect.port in DRIVING for choice in choices) > MOST_DRIVES
+        return np.asarray(chosen_filtered(lines, data.runs, noise, opening(noise)))
 
 
 _PORTS = ("input", "output", "force", "gain", "parallel", "noise")
-_NONE = np.empty(0)
+_NONE, _NO_STRENGTHS = np.empty(0), np.empty(0, dtype=bool)
 
 
 def _map(choice: Choice) -> Map:

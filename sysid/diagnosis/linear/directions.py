@@ -3,7 +3,8 @@
 import numpy as np
 
 from sysid.diagnosis.effects.base import Effect, Floats
-from sysid.diagnosis.linear.chain import Chain, too_many_drives
+from sysid.diagnosis.linear.chain import Chain
+from sysid.diagnosis.linear.drives import too_many_drives
 from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.linear.search import EffectSearch
 from sysid.diagnosis.structures.structure import WHITE, Choice

@@ -94,11 +94,13 @@ def all_pole(d: Floats, a: Floats, first: int, last: int) -> None:
             one, two, three = ((d[k] - a[2] * three) - a[1] * two) - a[0] * one, one, two
             d[k] = one
     else:
+        one = d[opened - 1]
         for k in range(opened, last):
             value = d[k]
-            for i in range(order, 0, -1):
+            for i in range(order, 1, -1):
                 value -= a[i - 1] * d[k - i]
-            d[k] = value
+            one = value - a[0] * one
+            d[k] = one
 
 
 @compiled
@@ -144,8 +146,10 @@ def free_run(
 @compiled
 def spread(signal: Floats) -> float:
     """Return the standard deviation, one for a signal that does not move."""
-    middle = np.mean(signal)
-    total = 0.0
+    middle, total = 0.0, 0.0
+    for value in signal:
+        middle += value
+    middle /= signal.shape[0]
     for value in signal:
         total += (value - middle) ** 2
     return np.sqrt(total / signal.shape[0]) or 1.0
@@ -211,18 +215,20 @@ def speed_of(z: Floats, begin: Any) -> Floats:
 
 
 @compiled
-def chosen_filtered(values: Floats, used: Any, begin: Any, noise: Floats, first: Floats) -> Floats:
+def chosen_filtered(values: Floats, runs: Any, noise: Floats, first: Floats) -> Floats:
     """Return the used rows of each line of ``values`` (n_lines, n_rows), filtered by D(q).
 
-    The first rows of each run have the weights ``first`` (order, order) of
-    `sysid.diagnosis.structures.whitening`.
+    ``runs`` (n_runs, 2) says where runs of used rows begin and end.  The first rows of each have the weights
+    ``first`` (order, order) of `sysid.diagnosis.structures.whitening`.
     """
-    edges = _runs(used, begin)
-    out = np.empty((values.shape[0], np.sum(edges[:, 1] - edges[:, 0])))
+    n_used = 0
+    for number in range(runs.shape[0]):
+        n_used += runs[number, 1] - runs[number, 0]
+    out = np.empty((values.shape[0], n_used))
     for line in range(values.shape[0]):
         row = 0
-        for number in range(edges.shape[0]):
-            start, length = edges[number, 0], edges[number, 1] - edges[number, 0]
+        for number in range(runs.shape[0]):
+            start, length = runs[number, 0], runs[number, 1] - runs[number, 0]
             signal, kept = values[line, start : start + length], out[line, row : row + length]
             for k in range(length):
                 kept[k] = signal[k]
@@ -236,17 +242,3 @@ def chosen_filtered(values: Floats, used: Any, begin: Any, noise: Floats, first:
                     kept[k] += first[k, k - lag] * signal[k - lag]
             row += length
     return out
-
-
-@compiled
-def _runs(used: Any, begin: Any) -> Any:
-    """Return where runs of used rows begin and end, shape (n_runs, 2); none crosses experiments."""
-    edges, count = np.empty((used.shape[0], 2), dtype=np.int64), 0
-    for e in range(begin.shape[0] - 1):
-        for k in range(begin[e], begin[e + 1]):
-            if used[k]:
-                if k == begin[e] or not used[k - 1]:
-                    edges[count, 0] = k
-                    count += 1
-                edges[count - 1, 1] = k + 1
-    return edges[:count]

@@ -14,7 +14,7 @@ from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.rows import Data
-from sysid.diagnosis.linear.triangles import damped_step, scaled_triangle
+from sysid.diagnosis.linear.triangles import damped_step, scaled_triangle, stepped
 
 FIRST_DAMPING, LARGEST_DAMPING = 1e-4, 1e8
 # A step that would lower the cost by less than this share of the tolerance, were all linear, is not taken.
@@ -58,7 +58,7 @@ def minimise(
         The search ends when two steps running lower the cost by less than this share.
     """
     lower, upper = chain.bounds(data)
-    point = _within(start, lower, upper)
+    point = np.minimum(np.maximum(start, lower), upper)
     run = chain.run(data, point)
     if run is None:
         return None
@@ -76,9 +76,7 @@ def minimise(
             step, lowered = damped_step(R, c, damping)
             if lowered <= NEGLIGIBLE * tolerance * cost:
                 return Minimum(point, cost, True)
-            trial = point.copy()
-            trial[places] += step / lengths
-            trial = _within(trial, lower, upper)
+            trial = stepped(point, places, step, lengths, lower, upper)
             tried = chain.run(data, trial)
             if tried is not None:
                 new_error = chain.error(data, tried, noise)
@@ -94,7 +92,3 @@ def minimise(
         if small == 2 or cost == 0.0:
             return Minimum(point, cost, True)
     return Minimum(point, cost, False)
-
-
-def _within(point: Floats, lower: Floats, upper: Floats) -> Floats:
-    return np.minimum(np.maximum(point, lower), upper)

@@ -36,8 +36,10 @@ def probe_directions(chain: Chain, data: Data, point: Floats, since: int = 0) ->
         )
         for lag in (since, 0)
     )
-    slopes, none = chain.drive_slopes(data, point, run), np.zeros(chain.n_linear(data), dtype=bool)
-    through = chain.followed(data, point, run, slopes, acting, none)[: len(acting)]
+    none = np.zeros(point.size, dtype=bool)
+    slopes = chain.drive_slopes(data, point, run, none[chain.layout(data).driving])
+    own = none[: chain.n_linear(data)]
+    through = chain.followed(data, point, run, slopes, acting, own)[: len(acting)]
     through = chain.through_sensor(data, point, run, through)
     lags = [data.lagged(data.u, lag) for lag in range(since, 2 * n + EXTRA_LAGS + 1)]
     return np.vstack([functions, through, lags])

@@ -16,6 +16,8 @@ from sysid.linear.forms import Complexes
 AGREEMENT = 1e-3
 # Searches of a round, and standard deviations of the logarithm by which time constants are stretched.
 RESTARTS, SPREADS, RESTART_SEED = 12, (0.4, 0.15, 0.05), 3
+# By how much poles on the unit circle are drawn in.
+DRAWN_IN = (1.0 - 1e-6, 1.0 - 1e-4, 0.99)
 # Where a real pole is tried instead of another, and radius and angle of pairs.
 REAL_POLES = (-0.5, 0.3, 0.7, 0.9, 0.97)
 PAIRS = ((0.5, 0.5), (0.8, 0.2), (0.8, 0.8), (0.8, 2.0))
@@ -81,6 +83,18 @@ def with_best(chain: Chain, data: Data, point: Floats, free: Mask) -> Floats:
             return point
         point = moved
     return point
+
+
+def from_within_the_circle(chain: Chain, data: Data, point: Floats) -> Minimum | None:
+    """Search from poles drawn in a little: several on the unit circle are outside it by rounding."""
+    for radius in DRAWN_IN:
+        start = point.copy()
+        start[: chain.order] *= radius ** np.arange(1, chain.order + 1)
+        linear = np.arange(start.size) >= chain.order
+        minimum = minimise(chain, data, start, WHITE, free=linear, iterations=2)
+        if minimum is not None:
+            return minimise(chain, data, minimum.point, WHITE)
+    return None
 
 
 def exchanged_poles(point: Floats, order: int) -> Iterator[Complexes]:

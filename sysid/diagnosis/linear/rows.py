@@ -43,6 +43,16 @@ class Data:
         """Whether every row is one of the fit."""
         return bool(self.used.all())
 
+    @cached_property
+    def runs(self) -> np.ndarray:
+        """Where runs of used rows begin and end, shape (n_runs, 2); none crosses experiments."""
+        edges = np.zeros(self.used.size + 1, dtype=bool)
+        edges[self.begin] = True
+        edges[1:-1] |= self.used[1:] != self.used[:-1]
+        places = np.flatnonzero(edges)
+        parts = np.column_stack([places[:-1], places[1:]])
+        return np.ascontiguousarray(parts[self.used[parts[:, 0]]])
+
     @property
     def n_experiments(self) -> int:
         """Number of experiments."""

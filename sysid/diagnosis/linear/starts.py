@@ -3,7 +3,8 @@
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.linear.chain import DRIVING, Chain, Run
+from sysid.diagnosis.linear.chain import Chain, Run
+from sysid.diagnosis.linear.drives import DRIVING
 from sysid.diagnosis.linear.kernels import is_stable, simulate
 from sysid.diagnosis.linear.levenberg import minimise
 from sysid.diagnosis.linear.rows import Data
@@ -36,7 +37,7 @@ def _with_signs(chain: Chain, data: Data, point: Floats) -> list[Floats]:
     of its fit to the output less part of its mean: where the rectifier folds much of the signal over,
     the mean is its trace.
     """
-    plain = Chain(chain.order, chain.choices[:-1], chain.constant, chain.free_start)
+    plain = Chain(chain.order, chain.choices[:-1], chain.constant, chain.free_start, chain.steps)
     size = float(np.sqrt(np.mean(data.y[data.used] ** 2)))
     run, guesses = plain.run(data, point), []
     for sign in retrieved_signs(data, data.u if run is None else run.x, chain.constant):

@@ -10,10 +10,12 @@ from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.linear.cells import within_cells
-from sysid.diagnosis.linear.chain import MOST_DRIVES, Chain, too_many_drives
+from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.directions import directions_of
+from sysid.diagnosis.linear.drives import MOST_DRIVES, too_many_drives
 from sysid.diagnosis.linear.free_run import free_run
 from sysid.diagnosis.linear.levenberg import Minimum, minimise
+from sysid.diagnosis.linear.order import chosen_order
 from sysid.diagnosis.linear.parameters import (
     equation_text,
     named_parameters,
@@ -22,28 +24,34 @@ from sysid.diagnosis.linear.parameters import (
 )
 from sysid.diagnosis.linear.probes import probe_directions
 from sysid.diagnosis.linear.profile import MOST_ROWS
-from sysid.diagnosis.linear.restarts import AGREEMENT, exchanged_poles, from_poles, restarted, with_best
+from sysid.diagnosis.linear.restarts import (
+    AGREEMENT,
+    exchanged_poles,
+    from_poles,
+    from_within_the_circle,
+    restarted,
+    with_best,
+)
 from sysid.diagnosis.linear.rows import Data, data_of, for_search, on_record
 from sysid.diagnosis.linear.search import EffectSearch, Grid
 from sysid.diagnosis.linear.starts import further_starts
 from sysid.diagnosis.linear.thresholds import cells_around
 from sysid.diagnosis.structures.exercised import shows
-from sysid.diagnosis.structures.memory import Fits, Memory
+from sysid.diagnosis.structures.memory import Fits, Memory, key_of
 from sysid.diagnosis.structures.sides import with_forms_of
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
+from sysid.diagnosis.structures.work import Steps, Work
 from sysid.errors import DataError, UsageError
 from sysid.linear.output_error import fit_output_error
 
 TOO_MANY = f"a linear model takes at most {MOST_DRIVES} forces"
-HIGHEST_ORDER = 6
-# By how much poles on the unit circle are drawn in.
-DRAWN_IN = (1.0 - 1e-6, 1.0 - 1e-4, 0.99)
 # Laws about a position of zero: seen from afar they are a bend of any shape, whatever bends.
 CENTRED = ("gravity_sine", "cubic_stiffness")
 # Up to this order poles are tried in other places.
 MOST_EXCHANGED = 4
-# A higher order must lower the validation error by at least this share.
-WORTHWHILE = 0.02
+# Work of a whole search, in rows of runs and of lines of Jacobians, for so many rows to learn from; more for
+# more.  And what part of it each further order is given: there the first effects explain the record, or none.
+WORK, WORK_ROWS, FURTHER_ORDER = 250e6, 1_600, 0.1
 
 
 class LinearStructure:
@@ -89,13 +97,20 @@ class LinearStructure:
         self.free_start = initial_state == "estimate"
         self.initial_state = initial_state
         self._data = lru_cache(maxsize=16)(lambda rows: data_of(record, np.frombuffer(rows, dtype=bool)))
-        self.order = self._chosen_order() if order is None else order
+        self.order = chosen_order(record, self._of_order) if order is None else order
         self._baselines: dict[bytes, Floats] = {}
         self._fits, self._grids = Fits(), Memory[Grid]()
+        self.work = Work(WORK * max(float(record.learning.sum()) / WORK_ROWS, 1.0))
 
     def on(self, record: Record) -> "LinearStructure":
         """Return the same structure, of the same order, for another record."""
         return LinearStructure(record, self.order, initial_state=self.initial_state)
+
+    def of_order(self, order: int) -> "LinearStructure":
+        """Return the structure of another order for the same record, whose search is given less work."""
+        other = LinearStructure(self.record, order, initial_state=self.initial_state)
+        other.work = Work(FURTHER_ORDER * self.work.given)
+        return other
 
     def offered(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
         """Return the effects that make sense for a linear difference equation, in the given order."""
@@ -129,7 +144,7 @@ class LinearStructure:
         point = with_best(chain, data, point, np.arange(point.size) >= 2 * self.order)
         minimum = minimise(chain, data, point, WHITE)
         if minimum is None:
-            minimum = self._from_within_the_circle(chain, data, point)
+            minimum = from_within_the_circle(chain, data, point)
         if minimum is None:
             raise DataError("the baseline diverges in simulation: give another --order")
         if fit.restarts_agree:
@@ -175,10 +190,24 @@ class LinearStructure:
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: Effort
     ) -> StructureFit:
         """Fit the model with these effects, from a fit with fewer, other or the same effects."""
-        return self._fits.fitted(self._fit, choices, rows, noise, start, effort)
+        return self._fits.fitted(self._counted, choices, rows, noise, start, effort)
+
+    def _counted(
+        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: Effort
+    ) -> StructureFit:
+        steps = Steps()
+        fit = self._fit(choices, rows, noise, start, effort, steps)
+        self.work.note(key_of(choices, rows, noise, start, effort), steps.taken)
+        return fit
 
     def _fit(
-        self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, effort: Effort
+        self,
+        choices: Sequence[Choice],
+        rows: Mask,
+        noise: Floats,
+        start: StructureFit,
+        effort: Effort,
+        steps: Steps,
     ) -> StructureFit:
         if effort is Effort.REFIT:
             places = self.chain(start.choices).places(self.data(start.rows))
@@ -188,7 +217,7 @@ class LinearStructure:
         if too_many_drives(choices):
             return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status=TOO_MANY)
         data = self.data(rows)
-        chain = self.chain(kept)
+        chain = self.chain(kept, steps)
         point = self._carried(start, chain, data)
         if not new or kept != start.choices:
             minimum = self._polished(chain, data, point, noise)
@@ -203,7 +232,7 @@ class LinearStructure:
                 point = minimum.point
         agree = start.restarts_agree
         for choice in new:
-            chain = self.chain((*chain.choices, choice))
+            chain = self.chain((*chain.choices, choice), steps)
             minimum, agree = self._searched(chain, data, rows, point, noise, effort)
             point = point if minimum is None else minimum.point
             if minimum is None:
@@ -246,12 +275,19 @@ class LinearStructure:
         part = for_search(data, self.free_start)
         names = tuple((choice.name, choice.form.name) for choice in chain.choices)
 
-        def searched() -> Grid:
-            starts = [point, *further_starts(chain, part, point)]
-            return EffectSearch(chain, part, noise, starts).searched()
-
         # A fine search begins as the coarse one did.
-        grid = self._grids.recalled((names, rows.tobytes(), noise.tobytes(), point.tobytes()), searched)
+        key = names, rows.tobytes(), noise.tobytes(), point.tobytes()
+
+        def searched() -> Grid:
+            fitted = chain.steps.taken
+            starts = [point, *further_starts(chain, part, point)]
+            grid = EffectSearch(chain, part, noise, starts).searched()
+            # They are the grid's, whichever fit was the first to ask for it.
+            self.work.note(key, chain.steps.taken - fitted)
+            chain.steps.taken = fitted
+            return grid
+
+        grid = self._grids.recalled(key, searched)
         ends = EffectSearch(chain, part, noise, grid.starts, grid.found).search(effort)
         if not ends:
             return None, False
@@ -315,10 +351,10 @@ class LinearStructure:
         """Return the model's equation with its effects, for a reader."""
         return equation_text(self.order, self.free_start, fit.point, fit.choices)
 
-    def chain(self, choices: Sequence[Choice]) -> Chain:
+    def chain(self, choices: Sequence[Choice], steps: Steps | None = None) -> Chain:
         """Return the model with effects; noise is not part of it."""
         kept = tuple(choice for choice in choices if choice.effect.port != "noise")
-        return Chain(self.order, kept, self.free_start, self.free_start)
+        return Chain(self.order, kept, self.free_start, self.free_start, steps)
 
     def data(self, rows: Mask) -> Data:
         """Return the experiments with chosen rows, each up to its last chosen one."""
@@ -355,37 +391,7 @@ class LinearStructure:
             status=status,
         )
 
-    def _from_within_the_circle(self, chain: Chain, data: Data, point: Floats) -> Minimum | None:
-        """Search from poles drawn in a little: several on the unit circle are outside it by rounding."""
-        for radius in DRAWN_IN:
-            start = point.copy()
-            start[: self.order] *= radius ** np.arange(1, self.order + 1)
-            linear = np.arange(start.size) >= self.order
-            minimum = minimise(chain, data, start, WHITE, free=linear, iterations=2)
-            if minimum is not None:
-                return minimise(chain, data, minimum.point, WHITE)
-        return None
-
-    def _chosen_order(self) -> int:
-        """Return the lowest order whose validation error is not worth a higher one.
-
-        Poles and zeros that nearly cancel have no place of their own: an order whose restarts disagree is
-        taken only where those of no order agree.
-        """
-        record, best, chosen = self.record, np.inf, 1
-        any_best, any_chosen = np.inf, 0
-        for order in range(1, HIGHEST_ORDER + 1):
-            self.order = order
-            try:
-                fit = self.baseline(record.estimation)
-            except DataError:
-                if order == 1:
-                    raise
-                break  # a lower order follows the record without running away
-            error = record.y[:, 0] - fit.output
-            cost = float(np.mean(error[record.validation] ** 2))
-            if cost < any_best * (1.0 - WORTHWHILE) ** 2:
-                any_best, any_chosen = cost, order
-            if fit.restarts_agree and cost < best * (1.0 - WORTHWHILE) ** 2:
-                best, chosen = cost, order
-        return chosen if np.isfinite(best) else max(any_chosen, 1)
+    def _of_order(self, order: int) -> StructureFit:
+        """Return the model without effects of an order, which becomes the structure's."""
+        self.order = order
+        return self.baseline(self.record.estimation)

@@ -8,6 +8,9 @@ from sysid._compile import compiled
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.linear.kernels import add_delayed, all_pole
 
+# What a parameter of the equation stands beside: outputs and inputs before, one, or the first rows.
+OUTPUT, INPUT, CONSTANT, START = 0, 1, 2, 3
+
 
 @compiled
 def tangent(
@@ -22,7 +25,7 @@ def tangent(
 ) -> Floats:
     """Return dz where nothing is fed back, by the equation's own parameters and by changes of v.
 
-    The derivatives by a1, a2, ... are one filtered signal, shifted; those by b, too.
+    The derivatives by a1, a2, ... are one filtered signal, shifted; those by b and by starts, too.
 
     Parameters
     ----------
@@ -39,25 +42,31 @@ def tangent(
     -------
     ndarray, shape (n_wanted + n_inputs, n_rows)
     """
-    order, n_own = a.shape[0], wanted.shape[0]
-    out = np.zeros((np.sum(wanted) + inputs.shape[0], z.shape[0]))
-    own, line = np.empty(z.shape[0]), 0
-    for column in range(2 * order):
-        if column % order == 0 and wanted[column : column + order].any():
-            _filtered_before(z if column == 0 else v, -1.0 if column == 0 else 1.0, a, begin, own)
-        if wanted[column]:
-            for e in range(begin.shape[0] - 1):
-                for k in range(begin[e] + column % order, begin[e + 1]):
-                    out[line, k] = own[k - column % order]
-            line += 1
-    for column in range(2 * order, n_own):
-        if wanted[column]:
-            _kick(column - 2 * order - int(with_constant), order, begin, out[line])
-            for e in range(begin.shape[0] - 1):
-                all_pole(out[line], a, begin[e], begin[e + 1])
-            line += 1
+    order, n_experiments, n_wanted = a.shape[0], begin.shape[0] - 1, _count(wanted)
+    shared = 2 * order + int(with_constant)
+    out, response = np.empty((n_wanted + inputs.shape[0], z.shape[0])), np.empty(z.shape[0])
+    line, known = 0, -1
+    for column in range(wanted.shape[0]):
+        if not wanted[column]:
+            continue
+        kind = column // order if column < shared else START
+        if kind != known:
+            _fill_response(kind, z, v, a, begin, response)
+            known = kind
+        place = column - shared if kind == START else column
+        lag, own = place % order, place // order
+        for e in range(n_experiments):
+            first, last = begin[e], begin[e + 1]
+            felt = min(first + lag, last) if kind != START or e == own else last
+            for k in range(first, felt):
+                out[line, k] = 0.0
+            for k in range(felt, last):
+                out[line, k] = response[k - lag]
+        line += 1
     for i in range(inputs.shape[0]):
-        for e in range(begin.shape[0] - 1):
+        for e in range(n_experiments):
+            for k in range(begin[e], begin[e + 1]):
+                out[line, k] = 0.0
             add_delayed(inputs[i], b, begin[e], begin[e + 1], out[line])
             all_pole(out[line], a, begin[e], begin[e + 1])
         line += 1
@@ -65,26 +74,29 @@ def tangent(
 
 
 @compiled
-def _filtered_before(signal: Floats, sign: float, a: Floats, begin: Any, out: Floats) -> None:
-    """Fill ``out`` with the signal of a sample before, through 1/A."""
-    for e in range(begin.shape[0] - 1):
-        first, last = begin[e], begin[e + 1]
-        if first < last:
-            out[first] = 0.0
-        for k in range(first + 1, last):
-            out[k] = sign * signal[k - 1]
-        all_pole(out, a, first, last)
+def _count(wanted: Any) -> int:
+    count = 0
+    for asked in wanted:
+        count += int(asked)
+    return count
 
 
 @compiled
-def _kick(number: int, order: int, begin: Any, d: Floats) -> None:
-    """Add what the constant (-1) or a start adds to the equation."""
-    if number < 0:
-        d += 1.0
-    else:
-        row = begin[number // order] + number % order
-        if row < begin[number // order + 1]:
-            d[row] = 1.0
+def _fill_response(kind: int, z: Floats, v: Floats, a: Floats, begin: Any, out: Floats) -> None:
+    """Fill ``out`` with what the first parameter of a kind stands beside, through 1/A."""
+    for e in range(begin.shape[0] - 1):
+        first, last = begin[e], begin[e + 1]
+        if first == last:
+            continue
+        out[first] = 0.0 if kind in (OUTPUT, INPUT) else 1.0
+        for k in range(first + 1, last):
+            if kind == OUTPUT:
+                out[k] = -z[k - 1]
+            elif kind == INPUT:
+                out[k] = v[k - 1]
+            else:
+                out[k] = 1.0 if kind == CONSTANT else 0.0
+        all_pole(out, a, first, last)
 
 
 @compiled
@@ -102,25 +114,31 @@ def tangent_driven(
 ) -> Floats:
     """Return dz as `tangent` does, where v follows z by its slopes.
 
-    With v put in, each change is a filter of what it stands beside, with weights that move with time.
+    With v put in, each change is a filter of what it stands beside, with weights that move with time; row by
+    row all lines go through it at a time.
     """
     columns, order = np.flatnonzero(wanted), a.shape[0]
-    own = columns.shape[0]
-    out = np.zeros((own + inputs.shape[0], z.shape[0]))
+    own, n_rows = columns.shape[0], z.shape[0]
+    n_lines = own + inputs.shape[0]
+    out, d = np.zeros((n_lines, n_rows)), np.empty((n_rows, n_lines))
     W = _moving_weights(a, b, begin, by_position, by_speed)
     for e in range(begin.shape[0] - 1):
         first, last = begin[e], begin[e + 1]
-        for line in range(out.shape[0]):
-            d = out[line]
+        for line in range(n_lines):
             if line < own:
-                _fill_own(d, columns[line], order, with_constant, e, z, v, first, last)
+                _fill_own(out[line], columns[line], order, with_constant, e, z, v, first, last)
             else:
-                add_delayed(inputs[line - own], b, first, last, d)
-            for k in range(first, last):
-                value = d[k]
-                for i in range(min(order + 1, k - first), 0, -1):
-                    value += W[k, i - 1] * d[k - i]
-                d[k] = value
+                add_delayed(inputs[line - own], b, first, last, out[line])
+        for k in range(first, last):
+            for line in range(n_lines):
+                d[k, line] = out[line, k]
+            for i in range(min(order + 1, k - first), 0, -1):
+                weight = W[k, i - 1]
+                for line in range(n_lines):
+                    d[k, line] += weight * d[k - i, line]
+    for line in range(n_lines):
+        for k in range(n_rows):
+            out[line, k] = d[k, line]
     return out
 
 
@@ -177,15 +195,15 @@ def tangent_through(
     by_position: Floats,
     by_speed: Floats,
     inputs: Floats,
-    outputs: Floats,
 ) -> Floats:
-    """Return dy where forces pass a direct path, by own parameters and changes of v and of y.
+    """Return dy where forces pass a direct path, by own parameters, by changes of v, and by the path's gain.
 
-    Changes ``outputs`` of y are those at given v; shape (n_wanted + n_inputs, n_rows).
+    Shape (n_wanted + n_inputs + 1, n_rows).
     """
     columns, order = np.flatnonzero(wanted), a.shape[0]
     own = columns.shape[0]
-    out = np.zeros((own + inputs.shape[0], y.shape[0]))
+    by_gain = own + inputs.shape[0]
+    out = np.zeros((by_gain + 1, y.shape[0]))
     z, dz, dv = y - direct * v, np.empty(y.shape[0]), np.empty(y.shape[0])
     for e in range(begin.shape[0] - 1):
         first, last = begin[e], begin[e + 1]
@@ -197,9 +215,8 @@ def tangent_through(
             for k in range(first, last):
                 for i in range(1, min(order, k - first) + 1):
                     dz[k] += b[i - 1] * dv[k - i] - a[i - 1] * dz[k - i]
-                given = moved = 0.0
-                if line >= own:
-                    given, moved = inputs[line - own, k], outputs[line - own, k]
+                given = inputs[line - own, k] if own <= line < by_gain else 0.0
+                moved = v[k] if line == by_gain else 0.0
                 slope = by_position[k]
                 if k > first:
                     slope += by_speed[k]

@@ -99,6 +99,19 @@ def scaled_triangle(
 
 
 @compiled
+def stepped(
+    point: Floats, places: Any, step: Floats, lengths: Floats, lower: Floats, upper: Floats
+) -> Floats:
+    """Return a point moved at some places, by a step in units of 1 / ``lengths``, and drawn within bounds."""
+    moved = point.copy()
+    for i in range(places.shape[0]):
+        moved[places[i]] += step[i] / lengths[i]
+    for i in range(moved.shape[0]):
+        moved[i] = min(max(moved[i], lower[i]), upper[i])
+    return moved
+
+
+@compiled
 def damped_step(R: Floats, c: Floats, damping: float) -> tuple[Floats, float]:
     """Return the d that minimises ``|R d - c|^2 + damping |d|^2``, and what it takes from the first part."""
     n = c.shape[0]

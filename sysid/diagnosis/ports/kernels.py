@@ -1,6 +1,7 @@
 """A linear plant with one static map in its loop, run and differentiated.
 
-Products of rows are written out: as functions of views they would cost a third more time.
+Products and copies of rows are written out: as functions of views they would cost a third more time, and
+the first use after an installation would wait for the words of errors about shapes.
 """
 
 import numpy as np
@@ -11,6 +12,8 @@ from sysid.nonlinearities.spline_kernels import LINEAR, clamped, local_basis
 
 Floats = NDArray[np.float64]
 
+# The basis goes on as a straight line: ``int(LINEAR)`` below, for a literal it would be compiled once more.
+#
 # What the map is fed with: a known signal, a combination of the states, the output, its rate of change;
 # or the map stands behind the plant.
 KNOWN, STATE, OUTPUT, RATE, BEHIND = 0, 1, 2, 3, 4
@@ -71,7 +74,7 @@ def run_loop(
         else:
             z[k] = value
         before = value
-        first = local_basis(z[k], knots, full, degree, LINEAR, basis, slopes)
+        first = local_basis(z[k], knots, full, degree, int(LINEAR), basis, slopes)
         s = 0.0
         for r in range(degree + 1):
             s += basis[r] * coefficients[first + r]
@@ -79,10 +82,9 @@ def run_loop(
         y[k] = value + G * s
         if mode == BEHIND:
             s = 0.0
-        if k == 0:
-            for j in range(lag + 1):
+        for j in range(lag + 1):
+            if k == 0 or j == k % (lag + 1):
                 waiting[j] = s
-        waiting[k % (lag + 1)] = s
         s = waiting[(k + 1) % (lag + 1)]
         for i in range(n):
             value = E[i] * s
@@ -161,7 +163,8 @@ def differentiate_loop(
         sensed = 0.0
         if mode == KNOWN:
             sensed = known[k]
-            fed[:] = 0.0
+            for q in range(width):
+                fed[q] = 0.0
         elif mode == STATE:
             for j in range(n):
                 sensed += H[j] * state[j]
@@ -183,13 +186,16 @@ def differentiate_loop(
                 for q in range(width):
                     fed[q] = (out[q] - before_moved[q]) * rate
             else:
-                fed[:] = 0.0
+                for q in range(width):
+                    fed[q] = 0.0
         else:
             sensed = value
-            fed[:] = out
+            for q in range(width):
+                fed[q] = out[q]
         before = value
-        before_moved[:] = out
-        first = local_basis(sensed, knots, full, degree, LINEAR, basis, slopes)
+        for q in range(width):
+            before_moved[q] = out[q]
+        first = local_basis(sensed, knots, full, degree, int(LINEAR), basis, slopes)
         s, rise = 0.0, 0.0
         for r in range(degree + 1):
             s += basis[r] * coefficients[first + r]
@@ -205,13 +211,13 @@ def differentiate_loop(
                 J[k, q] += dG[q] * s
         if mode == BEHIND:
             s = 0.0
-            force[:] = 0.0
-        if k == 0:
-            for j in range(lag + 1):
+            for q in range(width):
+                force[q] = 0.0
+        for j in range(lag + 1):
+            if k == 0 or j == k % (lag + 1):
                 waiting[j] = s
-                waiting_moved[j] = force
-        waiting[k % (lag + 1)] = s
-        waiting_moved[k % (lag + 1)] = force
+                for q in range(width):
+                    waiting_moved[j, q] = force[q]
         place = (k + 1) % (lag + 1)
         s = waiting[place]
         for q in range(width):

@@ -82,7 +82,7 @@ class LinearPlant:
 
     def map_input(self, u: Floats, channel: int) -> Floats:
         """Return the input itself: its delay comes behind the map."""
-        return np.ascontiguousarray(u[:, channel])
+        return u[:, channel].copy()
 
     def matrices(self, parameters: Floats, port: Port) -> Matrices | None:
         """Return the transposed Kautz form with derivatives by sections and weights."""

@@ -6,6 +6,13 @@ from typing import Protocol, runtime_checkable
 
 
 @dataclass
+class Steps:
+    """Steps that one fit has taken so far."""
+
+    taken: int = 0
+
+
+@dataclass
 class Work:
     """Work of all fits of one search, in steps of a run without laws.
 
