@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import ModelError, UsageError
 from sysid.linear.forms import Floats
-from sysid.physics.expressions import evaluate
 from sysid.physics.generator import Sensitivities, Simulate, Writer, compiled_kernels
 from sysid.physics.hold import PIECES, in_columns, over_pieces, refined
 from sysid.physics.linear_form import Discrete, LinearForm, discretise, linear_form
@@ -312,7 +311,7 @@ def linearised_poles(
     names = [variable.name for variable in model.states]
     point = dict(values) | dict(zip(names, state.tolist(), strict=True))
     point |= dict(zip((variable.name for variable in model.inputs), level.tolist(), strict=True))
-    matrix = np.array([[evaluate(entry, point) for entry in row] for row in model.rate_slopes])
+    matrix = np.reshape(model.rate_slopes(point), (len(names), len(names)))
     return np.linalg.eigvals(matrix) if np.isfinite(matrix).all() else np.empty(0, dtype=np.complex128)
 
 
