@@ -92,12 +92,18 @@ class GeneralPlant:
         return Simulator(replace(model, outputs=(*model.outputs, *inside)), self.period, searched=())
 
     def substeps(self, values: Floats, largest: float) -> tuple[int, float]:
-        """Return the Runge-Kutta steps in a sample, as the model chooses them itself, and so its pace."""
+        """Return the Runge-Kutta steps in a sample, as the model chooses them itself, and so its pace.
+
+        The pace is infinite where no number of steps is enough.
+        """
         if self._simulator.linear:
             return 1, largest
         named = dict(zip(self.names, values.tolist(), strict=True))
         rest = self._simulator.rest()
-        steps = choose_substeps(self.model, named, self.period, np.zeros((1, self.n_inputs)), rest)
+        try:
+            steps = choose_substeps(self.model, named, self.period, np.zeros((1, self.n_inputs)), rest)
+        except ModelError:
+            return 1, np.inf
         return steps, steps * largest
 
     def run(

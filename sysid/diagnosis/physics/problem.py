@@ -25,8 +25,9 @@ Met = Callable[[Residual], bool]
 COARSE_STEP = 0.35
 # A value known within some 20 % stays within a factor of exp(3) = 20, whatever the effects do to it.
 FURTHEST = 3.0
-# What a step with laws costs, one with dry friction, a run, and a row of it, in steps of a run without laws.
-LAW_STEP, DRY_STEP, RUN, ROW = 2, 6, 20_000, 25
+# What a step with laws costs, one with dry friction, one of a plant that is simulated run by run, a run, and
+# a row of it, in steps of a run without laws.
+LAW_STEP, DRY_STEP, GENERAL_STEP, RUN, ROW = 2, 6, 5, 20_000, 25
 # States of the plants whose steps count as one; those of more cost as much more.
 USUAL_ORDER = 2
 # Step of the difference quotients, relative to the size of the unknown: truncation and rounding both
@@ -90,6 +91,8 @@ class Problem:
         self.held = np.zeros(self.size, dtype=bool)
         dry = any(choice.effect.dry for choice in self.choices)
         self._weight = 1 if self.exact else (DRY_STEP if dry else LAW_STEP)
+        if setting.plant.always_steps:
+            self._weight = GENERAL_STEP
 
     @cached_property
     def run_edges(self) -> NDArray[np.int64]:
@@ -175,7 +178,7 @@ class Problem:
         laws, starts = self._laws(inside), self._starts(own, number)
         driven = self._inputs(u, inside)
         steps, pace = self._steps(values[0])
-        if pace > self.budget.fastest:
+        if pace > self.budget.fastest or not np.isfinite(pace):
             return np.full((points.shape[0], u.shape[0]), np.nan)
         self.budget.left -= lanes * u.shape[0] * steps
         stepped = lanes * u.shape[0] * steps * self._weight * max(plant.order / USUAL_ORDER, 1.0)

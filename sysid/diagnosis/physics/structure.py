@@ -199,6 +199,13 @@ class PhysicsStructure:
     def _baseline(self, rows: Mask) -> StructureFit:
         budget = Budget()
         problem = self._problem((), rows, WHITE, budget)
+        pace = problem.pace_at(self.setting.nominal)
+        if not np.isfinite(pace):
+            raise ModelError(
+                f"model {self.name!r} at its start values is too fast for the sampling period "
+                f"{self.record.period:.3g} s: check the parameters and their units"
+            )
+        budget.fastest = max(SAMPLING_RATE, AS_FAST[0] * pace)
         if problem.target.size < 2 * problem.size:
             raise IdentifiabilityError(
                 f"{problem.target.size} rows cannot determine {problem.size} unknowns: at least "
