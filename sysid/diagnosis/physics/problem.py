@@ -11,20 +11,18 @@ from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics.budget import Budget
 from sysid.diagnosis.physics.evaluation import Evaluation
-from sysid.diagnosis.physics.laws import INNER, coefficients, lower_bound, own_law, typical_size
-from sysid.diagnosis.physics.setting import LARGEST_LOGARITHM, Setting
+from sysid.diagnosis.physics.laws import INNER, coefficients, own_law
+from sysid.diagnosis.physics.setting import Setting
+from sysid.diagnosis.physics.unknowns import bounds_of, sizes_of
 from sysid.diagnosis.structures.noise_filter import filtered_lines
 from sysid.diagnosis.structures.structure import WHITE, Choice, StructureFit, filtered
 from sysid.diagnosis.structures.whitening import opening
 from sysid.errors import UsageError
-from sysid.physics.model import Parameter
 from sysid.separable.descent import Minimum, Residual, descend
 
 Met = Callable[[Residual], bool]
 # Fastest rate times the Runge-Kutta step in a search: a run's relative error is its fourth power / 120 or so.
 COARSE_STEP = 0.35
-# A value known within some 20 % stays within a factor of exp(3) = 20, whatever the effects do to it.
-FURTHEST = 3.0
 # What a step with laws costs, one with dry friction, one of a plant that is simulated run by run, a run, and
 # a row of it, in steps of a run without laws.
 LAW_STEP, DRY_STEP, GENERAL_STEP, RUN, ROW = 2, 6, 5, 20_000, 25
@@ -109,28 +107,12 @@ class Problem:
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
         """Bounds of a point."""
-        low = [_logarithm(p, p.minimum, -LARGEST_LOGARITHM) for p in self.setting.searched]
-        high = [_logarithm(p, p.maximum, LARGEST_LOGARITHM) for p in self.setting.searched]
-        for choice in self.choices:
-            low += [lower_bound(choice.effect, p, self.setting.sizes) for p in choice.form.parameters]
-            high += [p.maximum for p in choice.form.parameters]
-        near = np.array([p.positive and p.status == "uncertain" for p in self.setting.searched], dtype=bool)
-        n, nominal = self.n_model, self.setting.nominal
-        low[:n] = np.where(near, np.maximum(low[:n], nominal - FURTHEST), low[:n]).tolist()
-        high[:n] = np.where(near, np.minimum(high[:n], nominal + FURTHEST), high[:n]).tolist()
-        unbounded = np.full(self.n_starts, np.inf)
-        return np.concatenate([low, -unbounded]), np.concatenate([high, unbounded])
+        return bounds_of(self.setting, self.choices, self.n_starts)
 
     @cached_property
     def sizes(self) -> Floats:
         """Typical size of each unknown: 1 for logarithms."""
-        own = [
-            1.0 if p.positive else max(abs(p.start), self.setting.sizes["F"]) for p in self.setting.searched
-        ]
-        for choice in self.choices:
-            own += [typical_size(p.unit, self.setting.sizes) for p in choice.form.parameters]
-        states = np.tile(self.setting.state_sizes, len(self.parts) if self.free_start else 0)
-        return np.concatenate([own, states])
+        return sizes_of(self.setting, self.choices, len(self.parts) if self.free_start else 0)
 
     def outputs(self, points: Floats, *, rounded: bool = True) -> Floats:
         """Return the free run on the rows that count, unfiltered, shape (lanes, n_rows)."""
@@ -411,10 +393,3 @@ class Problem:
 def problem_of(setting: Setting, fit: StructureFit, choices: Sequence[Choice] | None = None) -> Problem:
     """Return the problem of a fit, or of the same rows with other effects."""
     return Problem(setting, fit.choices if choices is None else choices, fit.rows, WHITE, COARSE_STEP)
-
-
-def _logarithm(parameter: Parameter, value: float, unbounded: float) -> float:
-    if not parameter.positive:
-        return value
-    with np.errstate(divide="ignore"):
-        return float(np.clip(np.log(value), -LARGEST_LOGARITHM, LARGEST_LOGARITHM)) if value else unbounded
