@@ -533,6 +533,10 @@ def test_a_search_that_strays_to_a_plant_faster_than_any_step_goes_on():
     problem.cost(nominal)
     steps = found.plant.substeps(found.setting.values_of(nominal), 0.35)[0]
     assert problem.budget.work - before >= 5 * steps * u.size
+    # And as few of them are taken as the search asks for: a stiff plant's would be many.
+    slow = found.setting.values_of(nominal - np.array([5.0, 0.0, 0.0]))
+    fine, coarse = (found.plant.substeps(slow, largest)[0] for largest in (0.175, 0.35))
+    assert fine == pytest.approx(2 * coarse, abs=1)
     fast = PhysicsStructure(found.record, model.with_parameters(start={"J": 1e-8}), "rest")
     with pytest.raises(ModelError, match="too fast for the sampling period"):
         fast.baseline(np.ones(u.size, dtype=bool))
