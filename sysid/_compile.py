@@ -1,11 +1,16 @@
 """One place that decides how numerical kernels are compiled."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, TypeVar, cast
 
 import numba
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
+
+
+# numba makes two more functions of each one, for calls from C and from Python: a third of its work.
+_njit: Any = partial(numba.njit, nogil=True, no_cfunc_wrapper=True)
 
 
 def compiled(function: Kernel) -> Kernel:
@@ -14,10 +19,27 @@ def compiled(function: Kernel) -> Kernel:
     ``fastmath`` stays off so that a result is the same to the bit on every run.  Where neither the
     package's folder nor the user's can hold the cache, each process compiles for itself.
     """
+    return _kept(function)
+
+
+def part_of_kernels(function: Kernel) -> Kernel:
+    """Compile as `compiled` does a function that kernels call and Python cannot."""
+    return _kept(function, no_cpython_wrapper=True)
+
+
+def _kept(function: Kernel, **options: bool) -> Kernel:
     try:
-        return cast(Kernel, numba.njit(cache=True, nogil=True)(function))
+        return cast(Kernel, _njit(cache=True, **options)(function))
     except RuntimeError:
-        return cast(Kernel, numba.njit(nogil=True)(function))
+        return cast(Kernel, _njit(**options)(function))
+
+
+def inlined(function: Kernel) -> Kernel:
+    """Compile a function into the kernels that call it: a call would cost more than what it does.
+
+    Python cannot call it.  A division by zero is no error: its branch would take the place of vectors.
+    """
+    return cast(Kernel, _njit(forceinline=True, error_model="numpy", no_cpython_wrapper=True)(function))
 
 
 def pointer(kernel: object, kind: Any, address: int) -> Any:

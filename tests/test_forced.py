@@ -1,12 +1,13 @@
 """Simulation with added forces against independent integrators."""
 
+import numba
 import numpy as np
 import pytest
 from forced_reference import stick_slip
 from scipy.integrate import solve_ivp
 
 from sysid.errors import ModelError
-from sysid.physics import Simulator, forced_kernels, load_model
+from sysid.physics import Simulator, forced_kernels, forced_steps, load_model
 from sysid.physics.forced import NO_LAW, ForcedPlant, law
 from sysid.physics.forced_lanes import lane_runs
 from sysid.physics.forced_steps import falling, hyperbolic_tangent, sine
@@ -309,9 +310,28 @@ def test_as_many_lanes_as_there_are_run_as_one_by_one(name: str, lanes: int) -> 
 def test_curves_without_calls_are_those_of_the_library() -> None:
     """Rounding of 30 operations, six squarings among them: some 100 units in the last place beside 1."""
     x = np.concatenate([np.linspace(-60.0, 60.0, 1001), [0.0, 1e-9, 1e3]])
-    np.testing.assert_allclose([sine(v) for v in x], np.sin(x), rtol=0, atol=2e-13)
-    np.testing.assert_allclose([hyperbolic_tangent(v) for v in x], np.tanh(x), rtol=0, atol=2e-14)
-    np.testing.assert_allclose([falling(abs(v)) for v in x], np.exp(-np.abs(x)), rtol=2e-14, atol=1e-17)
+
+    @numba.njit
+    def found(x):
+        return [(sine(v), hyperbolic_tangent(v), falling(abs(v))) for v in x]
+
+    waves, limited, falls = np.array(found(x)).T
+    np.testing.assert_allclose(waves, np.sin(x), rtol=0, atol=2e-13)
+    np.testing.assert_allclose(limited, np.tanh(x), rtol=0, atol=2e-14)
+    np.testing.assert_allclose(falls, np.exp(-np.abs(x)), rtol=2e-14, atol=1e-17)
+
+
+def test_the_first_run_compiles_each_part_of_a_kernel_once():
+    """A plain integer would be a type of its own, and functions for Python a third of the work."""
+    for mode in (forced_kernels.STUCK, forced_kernels.SMOOTH):
+        assert numba.types.maybe_literal(mode) is None
+    for part in (forced_kernels.rates, forced_kernels.cut_step, forced_steps.linear_rates):
+        assert part.targetoptions["no_cpython_wrapper"]
+        assert part.targetoptions["no_cfunc_wrapper"]
+    for curve in (forced_steps.PLAIN, forced_steps.SWINGS):
+        forced_steps.step_of_all.__wrapped__(2, curve)
+    signatures = forced_steps.linear_rates.signatures
+    assert len(signatures) == len({signature[2] for signature in signatures})  # one for each number of states
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,17 @@ from hypothesis import strategies as st
 
 from sysid.errors import ModelError
 from sysid.physics import load_model, model_names, read_model
-from sysid.physics.expressions import FUNCTIONS, code, derivative, evaluate, symbols, text
+from sysid.physics.expressions import (
+    FUNCTIONS,
+    Evaluator,
+    Number,
+    Operation,
+    code,
+    derivative,
+    evaluate,
+    symbols,
+    text,
+)
 from sysid.physics.grammar import parse
 
 NAMES = ("x", "v", "k")
@@ -263,3 +273,22 @@ def test_a_term_goes_to_an_equation_or_an_output():
     assert str(motor).splitlines()[2] == "y = w + b"
     with pytest.raises(ModelError, match="no state or output 'q'"):
         motor.with_term("q", "drag", "b")
+
+
+@pytest.mark.parametrize("mass", [0.7, 0.0])
+def test_expressions_that_were_written_out_have_the_values_of_their_trees(mass):
+    names = {"x", "m"}
+    trees = [
+        parse(text, names)
+        for text in (
+            "x/m",
+            "min(x, m)**3",
+            "where(x > m, sqrt(-x), x)",
+            "abs(x)**m",
+            "-x*tanh(m)",
+        )
+    ]
+    values = {"x": 1.3, "m": mass}
+    nowhere = Operation("/", (Number(1.0), Number(0.0)))
+    assert Evaluator([nowhere, trees[0]])(values) == [np.inf, evaluate(trees[0], values)]
+    np.testing.assert_array_equal(Evaluator(trees)(values), [evaluate(tree, values) for tree in trees])

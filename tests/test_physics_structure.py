@@ -17,7 +17,7 @@ from sysid.diagnosis.physics.problem import Problem, problem_of
 from sysid.diagnosis.physics.search import shape_values
 from sysid.diagnosis.physics.structure import PhysicsStructure
 from sysid.diagnosis.structures.structure import Choice, Effort, filtered
-from sysid.errors import IdentifiabilityError
+from sysid.errors import IdentifiabilityError, ModelError
 from sysid.physics import load_model
 from sysid.physics.reading import read_model
 
@@ -538,3 +538,29 @@ def test_a_change_of_gain_is_looked_for_in_rows_that_are_held_out_between_others
     (times,) = shape_values(problem, 0)
     last = np.flatnonzero(rows)[-1] * found.record.period
     assert 0.9 * last < max(times) <= last + found.record.period
+
+
+def test_a_search_that_strays_to_a_plant_faster_than_any_step_goes_on():
+    u = np.repeat(np.random.default_rng(9).uniform(-0.5, 0.5, 20), 10)
+    model = read_model(PENDULUM, "pendulum")
+    found = PhysicsStructure(make_record(u, 0.1 * u, period=0.01), model, "rest")
+    problem = Problem(found.setting, (), np.ones(u.size, dtype=bool), WHITE, 0.35)
+    nominal = found.setting.nominal
+    assert np.isfinite(problem.cost(nominal))
+    before = problem.budget.work
+    light = nominal + np.array(
+        [-14.0, 0.0, 0.0]
+    )  # a millionth of the inertia: thousands of steps in a sample
+    assert problem.cost(light) == np.inf
+    assert problem.budget.work == before  # nothing was simulated
+    # Every step of such a model is taken one run at a time, which costs several of those of others.
+    problem.cost(nominal)
+    steps = found.plant.substeps(found.setting.values_of(nominal), 0.35)[0]
+    assert problem.budget.work - before >= 5 * steps * u.size
+    # And as few of them are taken as the search asks for: a stiff plant's would be many.
+    slow = found.setting.values_of(nominal - np.array([5.0, 0.0, 0.0]))
+    fine, coarse = (found.plant.substeps(slow, largest)[0] for largest in (0.175, 0.35))
+    assert fine == pytest.approx(2 * coarse, abs=1)
+    fast = PhysicsStructure(found.record, model.with_parameters(start={"J": 1e-8}), "rest")
+    with pytest.raises(ModelError, match="too fast for the sampling period"):
+        fast.baseline(np.ones(u.size, dtype=bool))

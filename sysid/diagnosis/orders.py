@@ -14,7 +14,8 @@ from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision
 from sysid.diagnosis.decide.evidence import TIED, block_separation
 from sysid.diagnosis.decide.modes import MODE
 from sysid.diagnosis.decide.residual_evidence import Evidence
-from sysid.diagnosis.linear.structure import HIGHEST_ORDER, LinearStructure
+from sysid.diagnosis.linear.order import HIGHEST_ORDER
+from sysid.diagnosis.linear.structure import LinearStructure
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, Structure, StructureFit
 
 if TYPE_CHECKING:

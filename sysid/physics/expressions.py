@@ -1,7 +1,8 @@
 """Expressions as trees: evaluated, differentiated, printed, turned into code."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -284,3 +285,34 @@ def code(expression: Expression, names: Mapping[str, str]) -> str:
     if name in FUNCTIONS:
         return f"np.{name}({parts[0]})"
     return f"({parts[0]} {name} {parts[1]})"
+
+
+class Evaluator:
+    """The values of several expressions at once, many times: they are written as Python first.
+
+    Parameters
+    ----------
+    expressions : sequence of Expression
+
+    Examples
+    --------
+    >>> Evaluator([Operation("/", (Symbol("k"), Symbol("m"))), Number(2.0)])({"k": 3.0, "m": 0.0})
+    [inf, 2.0]
+    """
+
+    def __init__(self, expressions: Sequence[Expression]) -> None:
+        self._expressions = tuple(expressions)
+        self._names = sorted(frozenset().union(*map(symbols, self._expressions)))
+        inside = {name: f"p[{i}]" for i, name in enumerate(self._names)}
+        text = "".join(f"{code(expression, inside)}, " for expression in self._expressions)
+        namespace: dict[str, Any] = {"np": np}
+        exec(compile(f"def values(p):\n    return ({text})\n", "<expressions>", "exec"), namespace)
+        self._written: Callable[[Sequence[float]], Sequence[float]] = namespace["values"]
+
+    def __call__(self, values: Mapping[str, float]) -> list[float]:
+        """Return the values; NaN or infinity where one is not defined."""
+        try:
+            with np.errstate(all="ignore"):
+                return [float(value) for value in self._written([np.float64(values[n]) for n in self._names])]
+        except (ZeroDivisionError, OverflowError):  # of numbers in the expressions alone
+            return [evaluate(expression, values) for expression in self._expressions]

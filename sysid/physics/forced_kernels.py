@@ -14,15 +14,13 @@ this order; memory is the state of the elastic-plastic element.
 
 import math
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import cast
 
-import numba
 import numpy as np
 
-from sysid._compile import compiled
+from sysid._compile import compiled, inlined, part_of_kernels
 from sysid.linear.forms import Floats
 
-Kernel = TypeVar("Kernel", bound=Callable[..., object])
 State = tuple[float, float, float, float, float]
 # Laws of the user's own: the force ``law(0, position, velocity, w)``, the factor of the input
 # ``law(1, output, 0, w)``.
@@ -45,7 +43,8 @@ LOOP_BEND = LAW + 18  # how the elastic-plastic element softens on the way out a
 OWN = LAW + 19  # whether there are laws of the user's own, whose parameters come behind
 SIZE = LAW + 20
 
-SMOOTH, STUCK = 2, 0  # modes; 1 and -1 are sliding to either side
+# Modes; 1 and -1 are sliding to either side.  numba compiles once more for each plain number it is given.
+SMOOTH, STUCK = cast(int, np.int64(2)), cast(int, np.int64(0))
 # Changes that are located in one step; a body that chatters faster is held until the step's end.
 MOST_EVENTS = 12
 # A run with more changes than this in each sample is given up: its body is next to massless.
@@ -53,11 +52,6 @@ MOST_CHATTER = 10
 ROOT_STEPS = 60
 # An event's velocity or force is zero to this share of its change over the step.
 EVENT_TOLERANCE = 1e-13
-
-
-def inlined(function: Kernel) -> Kernel:
-    """Compile a function into its callers: a call would cost more than what it does."""
-    return cast(Kernel, numba.njit(forceinline=True, nogil=True)(function))
 
 
 @inlined
@@ -178,7 +172,7 @@ def fourth_order_step(
     )
 
 
-@compiled
+@part_of_kernels
 def called_step(w: Floats, n: int, same: bool, z: State, mode: int, step: float, own: OwnKernel) -> State:
     """Return the same as `fourth_order_step`, where speed is not worth the code."""
     after: State = fourth_order_step(w, n, same, z, mode, step, own)
@@ -192,14 +186,14 @@ def breaking_force(w: Floats, side: int) -> float:
     return force
 
 
-@compiled
+@part_of_kernels
 def holding_force(w: Floats, n: int, same: bool, z: State, own: OwnKernel) -> float:
     """Return the force that keeps a body at zero velocity."""
     holding: float = -rates(w, n, same, z, STUCK, own)[0] / w[PUSH]
     return holding
 
 
-@compiled
+@part_of_kernels
 def margin(w: Floats, n: int, same: bool, z: State, mode: int, own: OwnKernel) -> float:
     """Return what is positive as long as the mode lasts."""
     if mode != STUCK:
@@ -208,7 +202,7 @@ def margin(w: Floats, n: int, same: bool, z: State, mode: int, own: OwnKernel) -
     return min(holding + breaking_force(w, 1), breaking_force(w, -1) - holding)
 
 
-@compiled
+@part_of_kernels
 def mode_at_zero(w: Floats, n: int, same: bool, z: State, own: OwnKernel) -> int:
     """Return how a body at zero velocity goes on: stuck, or sliding to one side."""
     holding = holding_force(w, n, same, z, own)
@@ -220,6 +214,16 @@ def mode_at_zero(w: Floats, n: int, same: bool, z: State, own: OwnKernel) -> int
 
 
 @compiled
+def rates_at(w: Floats, n: int, same: bool, z: State, dry: bool, own: OwnKernel) -> State:
+    """Return the derivative of states and memory at an instant, for callers in Python."""
+    mode = SMOOTH
+    if dry:
+        mode = mode_at_zero(w, n, same, z, own) if z[0] == 0.0 else (1 if z[0] > 0.0 else -1)
+    now: State = kept(rates(w, n, same, z, mode, own), mode)
+    return now
+
+
+@part_of_kernels
 def time_of_event(
     w: Floats, n: int, same: bool, z: State, mode: int, near: float, far: float, own: OwnKernel
 ) -> tuple[float, State]:
@@ -247,7 +251,7 @@ def time_of_event(
     return middle, end
 
 
-@compiled
+@part_of_kernels
 def cut_step(
     w: Floats, n: int, same: bool, z: State, mode: int, step: float, own: OwnKernel
 ) -> tuple[State, int, int]:
@@ -429,7 +433,7 @@ def linear_runs(
             )
 
 
-@compiled
+@part_of_kernels
 def exponential(M: Floats, F: Floats, power: Floats) -> None:
     """Fill F with exp(M): Taylor's series of a matrix halved until it is small, then squared."""
     size = M.shape[0]
@@ -465,7 +469,7 @@ def exponential(M: Floats, F: Floats, power: Floats) -> None:
                 F[i, j] = power[i, j]
 
 
-@compiled
+@part_of_kernels
 def multiplied(left: Floats, right: Floats, factor: float, product: Floats) -> None:
     """Fill ``product`` with the product of two square matrices and a factor."""
     size = left.shape[0]

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid._compile import compiled
+from sysid._compile import compiled, inlined, part_of_kernels
 from sysid.linear.forms import Floats
 from sysid.physics import forced_kernels as fk
 from sysid.physics.forced_kernels import (
@@ -87,7 +87,7 @@ def _costly(plants: Floats) -> int:
     return ALL if len(found) > 1 else sum(found, PLAIN)
 
 
-@compiled
+@inlined
 def state_of(z: Floats, place: int) -> Any:
     """Return the state and memory of one lane."""
     return z[place], z[place + WIDTH], z[place + 2 * WIDTH], z[place + 3 * WIDTH], z[place + 4 * WIDTH]
@@ -198,7 +198,7 @@ def group_runs(
                     w[(Z + j) * WIDTH + i] = w[(AFTER + j) * WIDTH + i]
 
 
-@compiled
+@part_of_kernels
 def driven_and_read(
     w: Floats, n: int, m: int, by_block: Floats, passed: Floats, signals: Floats, value: Floats, width: int
 ) -> bool:

@@ -8,12 +8,11 @@ asked for the first time, which takes a second.
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, cast
+from typing import Any
 
-import numba
 import numpy as np
 
-from sysid._compile import Kernel, called_by_kernels
+from sysid._compile import called_by_kernels, inlined
 from sysid.linear.forms import Floats
 from sysid.physics import forced_kernels as fk
 from sysid.physics.forced_kernels import MOST_STATES, moved
@@ -43,12 +42,7 @@ _first, _second = fk.FIRST_CAP, fk.SECOND_CAP
 _steady, _drive, _push, _read = fk.STEADY, fk.DRIVE, fk.PUSH, fk.READ
 
 
-def branchless(function: Kernel) -> Kernel:
-    """Compile a function into its callers, without the branch of a check for division by zero."""
-    return cast(Kernel, numba.njit(forceinline=True, nogil=True, error_model="numpy")(function))
-
-
-@branchless
+@inlined
 def falling(t: float) -> float:
     """Return exp(-t) for t >= 0: Taylor's series of a sixty-fourth of t, squared six times.
 
@@ -68,7 +62,7 @@ def falling(t: float) -> float:
     return s * s
 
 
-@branchless
+@inlined
 def hyperbolic_tangent(x: float) -> float:
     """Return tanh(x), to rounding beside 1."""
     e = falling(2.0 * abs(x))
@@ -76,7 +70,7 @@ def hyperbolic_tangent(x: float) -> float:
     return t if x > 0.0 else -t
 
 
-@branchless
+@inlined
 def sine(x: float) -> float:
     """Return sin(x): the multiple of pi next to x is taken off, then Taylor's series in pairs."""
     turns = np.floor(x * (1.0 / math.pi) + 0.5)
@@ -91,39 +85,21 @@ def sine(x: float) -> float:
     return value
 
 
-@branchless
-def lane_rates(w: Floats, i: int, n: int, same: bool, curve: int, z: Any, side: float, moving: float) -> Any:
-    """Return the derivative of states and memory of one lane, as `forced_kernels.rates` does.
-
-    ``curve`` tells which of the costly functions are needed.
-    """
-    z0, z1, z2, z3, memory = z
-    s0, s1 = z0, z1
-    t0, t1 = z0, z1
-    if curve & LEVELS:
-        s0, s1 = min(z0, w[_first * WIDTH + i]), min(z1, w[_second * WIDTH + i])
-        r0, r1 = math.sqrt(max(s0, 0.0)), math.sqrt(max(s1, 0.0))
-        t0 = s0 if w[fk.FIRST_POWER * WIDTH + i] == 1.0 else r0
-        t1 = s1 if w[fk.SECOND_POWER * WIDTH + i] == 1.0 else r1
+@inlined
+def plain_force(w: Floats, i: int, same: bool, z0: float, z1: float, memory: float) -> float:
+    """Return the sum of the forces on one lane that take no costly function."""
     position = z0 if same else z1
-    forward, back = w[fk.FRICTION_FORWARD * WIDTH + i], w[fk.FRICTION_BACK * WIDTH + i]
-    dry = forward if side > 0.0 else back
-    force = w[fk.CONSTANT * WIDTH + i] - w[fk.DRAG * WIDTH + i] * z0 * abs(z0)
+    force: float = w[fk.CONSTANT * WIDTH + i] - w[fk.DRAG * WIDTH + i] * z0 * abs(z0)
     force -= w[fk.CUBIC * WIDTH + i] * position * position * position
     force -= w[fk.YIELD * WIDTH + i] * memory
-    factor = 1.0
-    if curve & BREAKS_AWAY:
-        ratio = z0 / w[fk.STRIBECK_SPEED * WIDTH + i]
-        dry += w[fk.BREAKAWAY * WIDTH + i] * falling(ratio * ratio)
-    if curve & SWINGS:
-        force -= w[fk.GRAVITY * WIDTH + i] * sine(w[fk.WAVE_NUMBER * WIDTH + i] * position)
-    if curve & GAINS:
-        output = w[_read * WIDTH + i] * s0 + w[(_read + 1) * WIDTH + i] * s1
-        output += (
-            w[(_read + 2) * WIDTH + i] * z2 + w[(_read + 3) * WIDTH + i] * z3 + w[(_read + 4) * WIDTH + i]
-        )
-        factor += w[fk.GAIN * WIDTH + i] * hyperbolic_tangent(output / w[fk.GAIN_SCALE * WIDTH + i])
-    force -= side * dry
+    return force
+
+
+@inlined
+def linear_rates(
+    w: Floats, i: int, n: int, t0: float, t1: float, z2: float, z3: float, factor: float, force: float
+) -> Any:
+    """Return the derivative of the states of one lane under its input, taken so many times, and a force."""
     d0 = w[_steady * WIDTH + i] + factor * w[_drive * WIDTH + i] + w[_push * WIDTH + i] * force
     d1 = (
         w[(_steady + 1) * WIDTH + i]
@@ -143,13 +119,46 @@ def lane_rates(w: Floats, i: int, n: int, same: bool, curve: int, z: Any, side: 
         d3 = w[(_steady + 3) * WIDTH + i] + factor * w[(_drive + 3) * WIDTH + i]
         d3 += w[(_push + 3) * WIDTH + i] * force + w[12 * WIDTH + i] * t0 + w[13 * WIDTH + i] * t1
         d3 += w[14 * WIDTH + i] * z2 + w[15 * WIDTH + i] * z3
+    return d0, d1, d2, d3
+
+
+@inlined
+def lane_rates(w: Floats, i: int, n: int, same: bool, curve: int, z: Any, side: float, moving: float) -> Any:
+    """Return the derivative of states and memory of one lane, as `forced_kernels.rates` does.
+
+    ``curve`` tells which of the costly functions are needed: what depends on it is compiled for each anew.
+    """
+    z0, z1, z2, z3, memory = z
+    s0, s1 = z0, z1
+    t0, t1 = z0, z1
+    if curve & LEVELS:
+        s0, s1 = min(z0, w[_first * WIDTH + i]), min(z1, w[_second * WIDTH + i])
+        r0, r1 = math.sqrt(max(s0, 0.0)), math.sqrt(max(s1, 0.0))
+        t0 = s0 if w[fk.FIRST_POWER * WIDTH + i] == 1.0 else r0
+        t1 = s1 if w[fk.SECOND_POWER * WIDTH + i] == 1.0 else r1
+    forward, back = w[fk.FRICTION_FORWARD * WIDTH + i], w[fk.FRICTION_BACK * WIDTH + i]
+    dry = forward if side > 0.0 else back
+    force = plain_force(w, i, same, z0, z1, memory)
+    factor = 1.0
+    if curve & BREAKS_AWAY:
+        ratio = z0 / w[fk.STRIBECK_SPEED * WIDTH + i]
+        dry += w[fk.BREAKAWAY * WIDTH + i] * falling(ratio * ratio)
+    if curve & SWINGS:
+        force -= w[fk.GRAVITY * WIDTH + i] * sine(w[fk.WAVE_NUMBER * WIDTH + i] * (z0 if same else z1))
+    if curve & GAINS:
+        output = w[_read * WIDTH + i] * s0 + w[(_read + 1) * WIDTH + i] * s1
+        output += (
+            w[(_read + 2) * WIDTH + i] * z2 + w[(_read + 3) * WIDTH + i] * z3 + w[(_read + 4) * WIDTH + i]
+        )
+        factor += w[fk.GAIN * WIDTH + i] * hyperbolic_tangent(output / w[fk.GAIN_SCALE * WIDTH + i])
+    d0, d1, d2, d3 = linear_rates(w, i, n, t0, t1, z2, z3, factor, force - side * dry)
     # Here the stiffness of the elastic-plastic element stands divided by its yield force.
     bend = w[fk.LOOP_BEND * WIDTH + i]
     change = w[fk.ELASTIC * WIDTH + i] * (z0 * (1.0 - bend * abs(memory)) - abs(z0) * memory)
     return moving * d0, d1, d2, d3, change
 
 
-@branchless
+@inlined
 def lane_step(w: Floats, i: int, n: int, same: bool, curve: int, step: float) -> None:
     """Fill in the state of one lane after a classical Runge-Kutta step."""
     side, moving = w[SIDE * WIDTH + i], w[MOVING * WIDTH + i]
@@ -167,7 +176,7 @@ def lane_step(w: Floats, i: int, n: int, same: bool, curve: int, step: float) ->
     w[(AFTER + 4) * WIDTH + i] = x[4] + sixth * (a[4] + 2.0 * (b[4] + c[4]) + d[4])
 
 
-@branchless
+@inlined
 def free_drift(w: Floats, i: int, n: int, same: bool) -> float:
     """Return the rate of the velocity of one lane without dry friction."""
     x0, x1, x2 = w[AFTER * WIDTH + i], w[(AFTER + 1) * WIDTH + i], w[(AFTER + 2) * WIDTH + i]

@@ -12,7 +12,7 @@ from sysid.physics.forced import LAW_NAMES, NO_LAW
 from sysid.physics.model import Model, Output, Parameter, Term
 from sysid.physics.own_laws import NO_OWN_LAW, OwnLaw, renamed
 from sysid.physics.ports import Port, find_port
-from sysid.physics.simulation import Simulator, choose_substeps
+from sysid.physics.simulation import MOST_SUBSTEPS, Simulator, fastest_rate
 
 # Forces that are smooth in position x and speed v, by the coefficients of a law that they take.
 SMOOTH_FORCES = {
@@ -92,13 +92,22 @@ class GeneralPlant:
         return Simulator(replace(model, outputs=(*model.outputs, *inside)), self.period, searched=())
 
     def substeps(self, values: Floats, largest: float) -> tuple[int, float]:
-        """Return the Runge-Kutta steps in a sample, as the model chooses them itself, and so its pace."""
+        """Return the steps in a sample that are fine enough, and the plant's fastest rate in a sample.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n_parameters,)
+        largest : float
+            Largest product of the step and of the fastest rate of the model linearised at rest.  Where this
+            asks for more steps than any simulation takes, the rate is infinite.
+        """
         if self._simulator.linear:
             return 1, largest
         named = dict(zip(self.names, values.tolist(), strict=True))
-        rest = self._simulator.rest()
-        steps = choose_substeps(self.model, named, self.period, np.zeros((1, self.n_inputs)), rest)
-        return steps, steps * largest
+        still = np.zeros((1, self.n_inputs))
+        pace = fastest_rate(self.model, named, still, self._simulator.rest()) * self.period
+        needed = np.ceil(pace / largest)
+        return (max(int(needed), 1), pace) if needed <= MOST_SUBSTEPS else (1, np.inf)
 
     def run(
         self,

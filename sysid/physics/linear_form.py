@@ -1,12 +1,13 @@
 """Models linear in state and input: exact discretisation, with derivatives by the parameters."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from sysid.linear.forms import Floats
-from sysid.physics.expressions import ZERO, Expression, derivative, evaluate, substitute, symbols
+from sysid.physics.expressions import ZERO, Evaluator, Expression, derivative, substitute, symbols
 from sysid.physics.model import Model
 
 Entry = tuple[int, int, Expression]
@@ -32,6 +33,35 @@ class LinearForm:
     outputs: tuple[Entry, ...]
     rate_slopes: tuple[tuple[Entry, ...], ...]
     output_slopes: tuple[tuple[Entry, ...], ...]
+
+    def matrices(self, values: Mapping[str, float]) -> tuple[Floats, Floats]:
+        """Return [A B c; 0] and [C D e]."""
+        width = self.n_states + self.n_inputs + 1
+        found = iter(self._entries(values))
+        return (
+            _filled(self.rates, found, (width, width)),
+            _filled(self.outputs, found, (self.n_outputs, width)),
+        )
+
+    def slopes(self, values: Mapping[str, float]) -> tuple[Floats, Floats]:
+        """Return the derivatives of both by each of the chosen parameters, on the first axis."""
+        width, count = self.n_states + self.n_inputs + 1, len(self.rate_slopes)
+        found = iter(self._entry_slopes(values))
+        rates = [_filled(entries, found, (width, width)) for entries in self.rate_slopes]
+        outputs = [_filled(entries, found, (self.n_outputs, width)) for entries in self.output_slopes]
+        return (
+            np.array(rates).reshape(count, width, width),
+            np.array(outputs).reshape(count, self.n_outputs, width),
+        )
+
+    @cached_property
+    def _entries(self) -> Evaluator:
+        return Evaluator([expression for *_, expression in (*self.rates, *self.outputs)])
+
+    @cached_property
+    def _entry_slopes(self) -> Evaluator:
+        entries = (entry for part in (*self.rate_slopes, *self.output_slopes) for entry in part)
+        return Evaluator([expression for *_, expression in entries])
 
 
 def linear_form(model: Model, parameters: Sequence[str]) -> LinearForm | None:
@@ -94,13 +124,12 @@ def discretise(form: LinearForm, values: Mapping[str, float], period: float, *, 
 
     n, m = form.n_states, form.n_inputs
     size = n + m + 1
-    M = _filled(form.rates, values, (size, size)) * period
-    output = _filled(form.outputs, values, (form.n_outputs, size))
-    count = len(form.rate_slopes) if slopes else 0
-    dM = np.array([_filled(entries, values, (size, size)) for entries in form.rate_slopes[:count]])
-    d_output = np.array(
-        [_filled(entries, values, (form.n_outputs, size)) for entries in form.output_slopes[:count]]
-    ).reshape(count, form.n_outputs, size)
+    M, output = form.matrices(values)
+    M *= period
+    dM, d_output = np.empty((0, size, size)), np.empty((0, form.n_outputs, size))
+    if slopes:
+        dM, d_output = form.slopes(values)
+    count = dM.shape[0]
     F, dF = np.full((size, size), np.nan), np.full((count, size, size), np.nan)
     if np.isfinite(M).all() and np.isfinite(dM).all():
         with np.errstate(all="ignore"):
@@ -118,8 +147,9 @@ def discretise(form: LinearForm, values: Mapping[str, float], period: float, *, 
     )
 
 
-def _filled(entries: tuple[Entry, ...], values: Mapping[str, float], shape: tuple[int, int]) -> Floats:
+def _filled(entries: tuple[Entry, ...], values: Iterator[float], shape: tuple[int, int]) -> Floats:
+    """Return a matrix whose entries are the next values."""
     matrix = np.zeros(shape)
-    for row, column, expression in entries:
-        matrix[row, column] = evaluate(expression, values)
+    for row, column, _ in entries:
+        matrix[row, column] = next(values)
     return matrix

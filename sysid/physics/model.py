@@ -8,6 +8,7 @@ from functools import cached_property
 from sysid.errors import ModelError
 from sysid.physics.expressions import (
     ZERO,
+    Evaluator,
     Expression,
     Number,
     derivative,
@@ -293,10 +294,10 @@ class Model:
         return tuple(substitute(equation.rate, zeros) for equation in self.equations)
 
     @cached_property
-    def rate_slopes(self) -> tuple[tuple[Expression, ...], ...]:
-        """Derivatives of the rate of each state, a row, by each state."""
+    def rate_slopes(self) -> Evaluator:
+        """Derivatives of the rate of each state by each state, one state's after the other's."""
         names = [state.name for state in self.states]
-        return tuple(tuple(derivative(rate, name) for name in names) for rate in self.reduced_rates())
+        return Evaluator([derivative(rate, name) for rate in self.reduced_rates() for name in names])
 
     def reduced_outputs(self) -> tuple[Expression, ...]:
         """Return the expression of each output, parameters fixed at zero left out."""

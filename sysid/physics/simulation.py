@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import ModelError, UsageError
 from sysid.linear.forms import Floats
-from sysid.physics.expressions import evaluate
 from sysid.physics.generator import Sensitivities, Simulate, Writer, compiled_kernels
 from sysid.physics.hold import PIECES, in_columns, over_pieces, refined
 from sysid.physics.linear_form import Discrete, LinearForm, discretise, linear_form
@@ -292,17 +291,21 @@ def choose_substeps(
     The rate is that at the initial state, for inputs over their range; a run that goes on to faster
     states is checked by halving the step (see `step_error`).
     """
-    fastest = 0.0
-    for level in {tuple(u.min(axis=0)), tuple(u.max(axis=0))}:
-        rates = linearised_poles(model, values, state, np.array(level))
-        fastest = max(fastest, float(np.abs(rates).max(initial=0.0)))
-    needed = int(np.ceil(fastest * period / LARGEST_RATE_STEP))
+    fastest = fastest_rate(model, values, u, state)
+    needed = np.ceil(fastest * period / LARGEST_RATE_STEP)
     if needed > MOST_SUBSTEPS:
         raise ModelError(
             f"model {model.name!r} has a rate of {fastest:.3g} 1/s, too fast for the sampling period "
-            f"{period:.3g} s ({needed} steps in a sample): check the parameters and their units"
+            f"{period:.3g} s ({needed:.0f} steps in a sample): check the parameters and their units"
         )
-    return max(needed, 1)
+    return max(int(needed), 1)
+
+
+def fastest_rate(model: Model, values: Mapping[str, float], u: Floats, state: Floats) -> float:
+    """Return the fastest rate [1/s] of a model linearised at a state, for inputs over their range."""
+    levels = {tuple(u.min(axis=0)), tuple(u.max(axis=0))}
+    rates = [np.abs(linearised_poles(model, values, state, np.array(level))) for level in levels]
+    return float(max(found.max(initial=0.0) for found in rates))
 
 
 def linearised_poles(
@@ -312,7 +315,7 @@ def linearised_poles(
     names = [variable.name for variable in model.states]
     point = dict(values) | dict(zip(names, state.tolist(), strict=True))
     point |= dict(zip((variable.name for variable in model.inputs), level.tolist(), strict=True))
-    matrix = np.array([[evaluate(entry, point) for entry in row] for row in model.rate_slopes])
+    matrix = np.reshape(model.rate_slopes(point), (len(names), len(names)))
     return np.linalg.eigvals(matrix) if np.isfinite(matrix).all() else np.empty(0, dtype=np.complex128)
 
 

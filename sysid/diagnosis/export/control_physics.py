@@ -45,10 +45,8 @@ def control_system(saved: SavedPhysicalModel) -> Any:
     def update(t: float, x: Floats, u: Floats, params: Any) -> Floats:
         first = saved.applied("input", np.array([u[0]], dtype=float))
         w[fk.DRIVE : fk.DRIVE + MOST_STATES] = by_input[0] @ np.concatenate([first, u[1:]])
-        z, mode = state(x), fk.SMOOTH
-        if dry:
-            mode = fk.mode_at_zero(w, n, plant.same, z, own) if z[0] == 0.0 else int(np.sign(z[0]))
-        rates = np.array(fk.kept(fk.rates(w, n, plant.same, z, mode, own), mode))
+        z = state(x)
+        rates = np.array(fk.rates_at(w, n, plant.same, z, dry, own))
         if port.levels and z[0] >= w[fk.FIRST_CAP]:
             rates[1] += w[fk.CAUGHT] * max(rates[0], 0.0)
         for place, cap in enumerate((fk.FIRST_CAP, fk.SECOND_CAP)):

@@ -54,7 +54,7 @@ def source(saved: SavedPhysicalModel) -> str:
         f"BY_INPUT = np.array({_numbers(by_input)})",
         f"DIRECT = np.array({_numbers(direct)})",
         f"START = np.array([{_numbers(start)}])",
-        *(f"{name} = {getattr(fk, name)!r}" for name in _NUMBERS),
+        *(f"{name} = {np.asarray(getattr(fk, name)).item()!r}" for name in _NUMBERS),
         "\n",
         *helpers_for("".join(maps.values())),
         *(_plain(name) + "\n" for name in names),

@@ -11,22 +11,21 @@ from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics.budget import Budget
 from sysid.diagnosis.physics.evaluation import Evaluation
-from sysid.diagnosis.physics.laws import INNER, coefficients, lower_bound, own_law, typical_size
-from sysid.diagnosis.physics.setting import LARGEST_LOGARITHM, Setting
+from sysid.diagnosis.physics.laws import INNER, coefficients, own_law
+from sysid.diagnosis.physics.setting import Setting
+from sysid.diagnosis.physics.unknowns import bounds_of, sizes_of
 from sysid.diagnosis.structures.noise_filter import filtered_lines
 from sysid.diagnosis.structures.structure import WHITE, Choice, StructureFit, filtered
 from sysid.diagnosis.structures.whitening import opening
 from sysid.errors import UsageError
-from sysid.physics.model import Parameter
 from sysid.separable.descent import Minimum, Residual, descend
 
 Met = Callable[[Residual], bool]
 # Fastest rate times the Runge-Kutta step in a search: a run's relative error is its fourth power / 120 or so.
 COARSE_STEP = 0.35
-# A value known within some 20 % stays within a factor of exp(3) = 20, whatever the effects do to it.
-FURTHEST = 3.0
-# What a step with laws costs, one with dry friction, a run, and a row of it, in steps of a run without laws.
-LAW_STEP, DRY_STEP, RUN, ROW = 2, 6, 20_000, 25
+# What a step with laws costs, one with dry friction, one of a plant that is simulated run by run, a run, and
+# a row of it, in steps of a run without laws.
+LAW_STEP, DRY_STEP, GENERAL_STEP, RUN, ROW = 2, 6, 5, 20_000, 25
 # States of the plants whose steps count as one; those of more cost as much more.
 USUAL_ORDER = 2
 # Step of the difference quotients, relative to the size of the unknown: truncation and rounding both
@@ -90,6 +89,8 @@ class Problem:
         self.held = np.zeros(self.size, dtype=bool)
         dry = any(choice.effect.dry for choice in self.choices)
         self._weight = 1 if self.exact else (DRY_STEP if dry else LAW_STEP)
+        if setting.plant.always_steps:
+            self._weight = GENERAL_STEP
 
     @cached_property
     def run_edges(self) -> NDArray[np.int64]:
@@ -106,28 +107,12 @@ class Problem:
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
         """Bounds of a point."""
-        low = [_logarithm(p, p.minimum, -LARGEST_LOGARITHM) for p in self.setting.searched]
-        high = [_logarithm(p, p.maximum, LARGEST_LOGARITHM) for p in self.setting.searched]
-        for choice in self.choices:
-            low += [lower_bound(choice.effect, p, self.setting.sizes) for p in choice.form.parameters]
-            high += [p.maximum for p in choice.form.parameters]
-        near = np.array([p.positive and p.status == "uncertain" for p in self.setting.searched], dtype=bool)
-        n, nominal = self.n_model, self.setting.nominal
-        low[:n] = np.where(near, np.maximum(low[:n], nominal - FURTHEST), low[:n]).tolist()
-        high[:n] = np.where(near, np.minimum(high[:n], nominal + FURTHEST), high[:n]).tolist()
-        unbounded = np.full(self.n_starts, np.inf)
-        return np.concatenate([low, -unbounded]), np.concatenate([high, unbounded])
+        return bounds_of(self.setting, self.choices, self.n_starts)
 
     @cached_property
     def sizes(self) -> Floats:
         """Typical size of each unknown: 1 for logarithms."""
-        own = [
-            1.0 if p.positive else max(abs(p.start), self.setting.sizes["F"]) for p in self.setting.searched
-        ]
-        for choice in self.choices:
-            own += [typical_size(p.unit, self.setting.sizes) for p in choice.form.parameters]
-        states = np.tile(self.setting.state_sizes, len(self.parts) if self.free_start else 0)
-        return np.concatenate([own, states])
+        return sizes_of(self.setting, self.choices, len(self.parts) if self.free_start else 0)
 
     def outputs(self, points: Floats, *, rounded: bool = True) -> Floats:
         """Return the free run on the rows that count, unfiltered, shape (lanes, n_rows)."""
@@ -175,7 +160,7 @@ class Problem:
         laws, starts = self._laws(inside), self._starts(own, number)
         driven = self._inputs(u, inside)
         steps, pace = self._steps(values[0])
-        if pace > self.budget.fastest:
+        if pace > self.budget.fastest or not np.isfinite(pace):
             return np.full((points.shape[0], u.shape[0]), np.nan)
         self.budget.left -= lanes * u.shape[0] * steps
         stepped = lanes * u.shape[0] * steps * self._weight * max(plant.order / USUAL_ORDER, 1.0)
@@ -408,10 +393,3 @@ class Problem:
 def problem_of(setting: Setting, fit: StructureFit, choices: Sequence[Choice] | None = None) -> Problem:
     """Return the problem of a fit, or of the same rows with other effects."""
     return Problem(setting, fit.choices if choices is None else choices, fit.rows, WHITE, COARSE_STEP)
-
-
-def _logarithm(parameter: Parameter, value: float, unbounded: float) -> float:
-    if not parameter.positive:
-        return value
-    with np.errstate(divide="ignore"):
-        return float(np.clip(np.log(value), -LARGEST_LOGARITHM, LARGEST_LOGARITHM)) if value else unbounded

@@ -1,4 +1,4 @@
-"""Where to start the search of a physical model of which little is known: at the linear fit's response."""
+"""Where to start the search of a physical model: near its values, or at the response of a linear fit."""
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from sysid.physics.forced import NO_LAW, ForcedPlant
 from sysid.separable.descent import levenberg_marquardt
 
 FREQUENCIES = 40
+# Draws around values that are known within some 20 %.
+NEAR_SPREAD, NEAR_SEED = 0.25, 7
 # The response is compared up to this share of the Nyquist frequency.
 HIGHEST = 0.8
 # Draws of the logarithms around the nominal values: a factor of exp(4) = 55 to each side.
@@ -23,7 +25,28 @@ KEPT = 4
 FLOOR = 1e-12
 
 
+def near_starts(setting: Setting, count: int) -> list[Floats]:
+    """Return the nominal values and draws around them."""
+    generator = np.random.default_rng(NEAR_SEED)
+    nominal = setting.nominal
+    width = np.where(setting.positive, NEAR_SPREAD, NEAR_SPREAD * np.abs(nominal))
+    draws = [nominal + width * generator.uniform(-1.0, 1.0, nominal.size) for _ in range(count)]
+    return [nominal, *draws]
+
+
 def wide_starts(setting: Setting, rows: Mask) -> list[Floats]:
+    """Return starts for parameters of which little is known."""
+    if isinstance(setting.plant, ForcedPlant):
+        return like_linear_fit(setting, rows)
+    from sysid.physics.fit import fit_physics
+
+    state = "estimate" if setting.free_start else "rest"
+    fit = fit_physics(setting.record, setting.model, initial_state=state, rows=rows)
+    found = setting.to_coordinates(np.array([fit.values[p.name] for p in setting.searched]))
+    return [found, setting.nominal]
+
+
+def like_linear_fit(setting: Setting, rows: Mask) -> list[Floats]:
     """Return search coordinates whose response resembles that of a linear fit, the best first.
 
     The logarithm of the size of a response is nearly linear in the logarithms of masses, dampings and

@@ -27,17 +27,18 @@ from sysid.diagnosis.physics.descents import (
 from sysid.diagnosis.physics.directions import directions, probes
 from sysid.diagnosis.physics.free_run import free_run, runs
 from sysid.diagnosis.physics.hold import SMOOTHER, band_limited
-from sysid.diagnosis.physics.laws import SMOOTH_LAWS, SWITCHES, has_law, is_own, with_level
+from sysid.diagnosis.physics.laws import SWITCHES, with_level
+from sysid.diagnosis.physics.offered import has_free_gain, makes_sense
 from sysid.diagnosis.physics.parameters import named_parameters, standard_errors
 from sysid.diagnosis.physics.points import moved
 from sysid.diagnosis.physics.problem import COARSE_STEP, Problem, problem_of
 from sysid.diagnosis.physics.scatter import is_rugged, scattered
-from sysid.diagnosis.physics.search import Tangent, problem_point, refined
+from sysid.diagnosis.physics.search import problem_point, refined
 from sysid.diagnosis.physics.setting import Plant, setting_of
-from sysid.diagnosis.physics.starts import wide_starts
+from sysid.diagnosis.physics.starts import near_starts, wide_starts
 from sysid.diagnosis.physics.steps import enough_steps
-from sysid.diagnosis.structures.exercised import shows
 from sysid.diagnosis.structures.memory import Fits, key_of
+from sysid.diagnosis.structures.rows import first_rows_of
 from sysid.diagnosis.structures.sides import with_forms_of
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
 from sysid.diagnosis.structures.work import Work
@@ -49,10 +50,8 @@ from sysid.separable.descent import Minimum, Residual
 
 # A search runs on the first rows, so many; its end is polished on all.
 SEARCH_ROWS = 2_500
-# Draws around the nominal values, of values known within some 20 %; more where no two searches agree.
-RESTARTS, MORE_RESTARTS, SPREAD, SEED = 4, 16, 0.25, 7
-# A gain is free when the parameters can follow a scaled output on so many rows up to this share.
-GAIN_ROWS, SAME_DIRECTION = 1_000, 1e-4
+# Draws around the nominal values; more where no two searches agree.
+RESTARTS, MORE_RESTARTS = 4, 16
 # Most steps that the simulations of a fit of each effort may take, for so many rows; more for more rows.
 BUDGETS, BUDGET_ROWS = (60e6, 25e6, 80e6), 1_200
 # Work of a whole search, in steps of a run without laws, for so many rows to learn from; more for more.
@@ -117,37 +116,13 @@ class PhysicsStructure:
         A relay gets a level of its own unless the model has a free gain.
         """
         sensible = [
-            effect.within("physics", self.free_start) for effect in effects if self._makes_sense(effect)
+            effect.within("physics", self.free_start)
+            for effect in effects
+            if makes_sense(self.setting, effect, general=self.general)
         ]
-        if all(effect.name not in SWITCHES for effect in sensible) or self._has_free_gain():
+        if all(effect.name not in SWITCHES for effect in sensible) or has_free_gain(self.setting):
             return tuple(sensible)
         return tuple(with_level(effect) if effect.name in SWITCHES else effect for effect in sensible)
-
-    def _has_free_gain(self) -> bool:
-        """Tell whether a change of the model's parameters can scale its output."""
-        rows = first_rows_of(self.record.learning, GAIN_ROWS)
-        problem = Problem(self.setting, (), rows, WHITE, COARSE_STEP, free_start=False)
-        point = self.setting.nominal
-        output = problem.outputs(point[np.newaxis])
-        with np.errstate(all="ignore"):
-            left = Tangent(problem, point).outside(output)
-        return bool(np.linalg.norm(left) < SAME_DIRECTION * np.linalg.norm(output))
-
-    def _makes_sense(self, effect: Effect) -> bool:
-        port = self.plant.port
-        if "physics" not in effect.families or not shows(self.record, effect):
-            return False
-        if effect.port in ("force", "gain", "flow") and not (has_law(effect) or is_own(effect)):
-            return False
-        if effect.port == "force":
-            # With a constant force of the model's own that may change these two would be second names.
-            own = any(parameter.name == port.constant for parameter in self.setting.searched)
-            doubled = own and effect.name in ("asymmetric_friction", "constant_force")
-            known = not self.general or effect.name in SMOOTH_LAWS or is_own(effect)
-            return port.velocity is not None and known and not doubled
-        if self.general and effect.port == "gain":
-            return False
-        return effect.port != "flow" or bool(port.levels)
 
     def baseline(self, rows: Mask) -> StructureFit:
         """Fit the model without effects, from several starts.
@@ -202,19 +177,26 @@ class PhysicsStructure:
     def _baseline(self, rows: Mask) -> StructureFit:
         budget = Budget()
         problem = self._problem((), rows, WHITE, budget)
+        pace = problem.pace_at(self.setting.nominal)
+        if not np.isfinite(pace):
+            raise ModelError(
+                f"model {self.name!r} at its start values is too fast for the sampling period "
+                f"{self.record.period:.3g} s: check the parameters and their units"
+            )
+        budget.fastest = max(SAMPLING_RATE, AS_FAST[0] * pace)
         if problem.target.size < 2 * problem.size:
             raise IdentifiabilityError(
                 f"{problem.target.size} rows cannot determine {problem.size} unknowns: at least "
                 f"{2 * problem.size} rows are needed"
             )
         unknown = any(p.status == "free" for p in self.setting.searched)
-        starts = self._wide_starts(rows) if unknown else self._near_starts(RESTARTS)
+        starts = wide_starts(self.setting, rows) if unknown else near_starts(self.setting, RESTARTS)
         small = first_rows_of(rows, SEARCH_ROWS)
         search = problem if small.sum() == rows.sum() else self._problem((), small, WHITE, budget)
         ends = descents(search, starts)
         found_again = agree(ends)
         if not found_again:
-            ends = sorted([*ends, *descents(search, self._near_starts(MORE_RESTARTS))], key=cost_of)
+            ends = sorted([*ends, *descents(search, near_starts(self.setting, MORE_RESTARTS))], key=cost_of)
             found_again = agree(ends) or nearly_agree(ends)
         if not ends:
             raise ModelError(
@@ -227,25 +209,6 @@ class PhysicsStructure:
             )
         self.work.note((self._course, rows.tobytes()), budget.work)
         return self._result(problem, best, found_again)
-
-    def _wide_starts(self, rows: Mask) -> list[Floats]:
-        """Return starts for parameters of which little is known."""
-        if not self.general:
-            return wide_starts(self.setting, rows)
-        from sysid.physics.fit import fit_physics
-
-        state = "estimate" if self.free_start else "rest"
-        fit = fit_physics(self.record, self.model, initial_state=state, rows=rows)
-        found = self.setting.to_coordinates(np.array([fit.values[p.name] for p in self.setting.searched]))
-        return [found, self.setting.nominal]
-
-    def _near_starts(self, count: int) -> list[Floats]:
-        """Return the nominal values and draws around them."""
-        generator = np.random.default_rng(SEED)
-        nominal = self.setting.nominal
-        width = np.where(self.setting.positive, SPREAD, SPREAD * np.abs(nominal))
-        draws = [nominal + width * generator.uniform(-1.0, 1.0, nominal.size) for _ in range(count)]
-        return [nominal, *draws]
 
     def fit(
         self, choices: Sequence[Choice], rows: Mask, noise: Floats, start: StructureFit, *, effort: Effort
@@ -414,10 +377,3 @@ def _fastest(problem: Problem, start: Floats) -> float:
     """Return the fastest rate in a sample that a search from a fit follows a plant to."""
     points = (problem.setting.nominal, start)
     return max(SAMPLING_RATE, *(f * problem.pace_at(x) for f, x in zip(AS_FAST, points, strict=True)))
-
-
-def first_rows_of(rows: Mask, count: int) -> Mask:
-    """Return the first of some rows, so many."""
-    chosen = rows.copy()
-    chosen[np.flatnonzero(rows)[count:]] = False
-    return chosen
