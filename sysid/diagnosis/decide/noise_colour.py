@@ -125,19 +125,22 @@ def noise_beside(residual: Floats, columns: Floats, rows: Mask) -> tuple[Noise, 
     >>> noise_of(white - Q @ (Q.T @ white), rows).order > 0, noise_beside(white, Q, rows)[0].order
     (True, 0)
     """
+    from scipy.linalg import solve_triangular
+
     n_rows, n_columns = columns.shape
-    freedom = max(n_rows - n_columns, 1)
+    freedom = n_rows - n_columns
+    if freedom < 1:  # nothing is left that could have a colour
+        return Noise(WHITE, 0.0, 0.0), 0.0
     found, before = Noise(WHITE, 0.0, 0.0), np.inf
     whole, rest = np.zeros((residual.size, n_columns)), np.zeros(residual.size)
     whole[rows] = columns
     left = 0.0
     for _ in range(ROUNDS):
-        Q, R = np.linalg.qr(filtered(whole, rows, found.polynomial))
-        target = filtered(residual, rows, found.polynomial)
-        along = Q.T @ target
-        rest[rows] = residual[rows] - columns @ np.linalg.solve(R, along)
-        left = max(float(target @ target - along @ along), 0.0)
-        hidden = np.sqrt(left / freedom) * np.linalg.solve(R.T, columns.T).T
+        whitened = (filtered(part, rows, found.polynomial) for part in (whole, residual))
+        R: Floats = np.asarray(np.linalg.qr(np.column_stack([*whitened]), mode="r"))
+        by_columns, along, left = R[:-1, :-1], R[:-1, -1], float(R[-1, -1] ** 2)
+        rest[rows] = residual[rows] - columns @ solve_triangular(by_columns, along)
+        hidden = np.sqrt(left / freedom) * solve_triangular(by_columns, columns.T, trans="T").T
         found = noise_of(rest, rows, hidden=hidden)
         likelihood = n_rows * float(np.log(max(found.variance, 1e-300)))
         if found.order == 0 or abs(likelihood - before) < AGREED:
