@@ -14,6 +14,9 @@ from sysid.diagnosis.decide.trials import POLISHED, Trials
 from sysid.diagnosis.effects.base import Effect
 from sysid.diagnosis.structures.structure import WHITE, Effort, StructureFit
 
+# A minimum whose criterion is so much lower is another one, as by chance once in twenty times.
+ANOTHER = 6.0
+
 
 class Grown(NamedTuple):
     """What came of growing: fits with one, two, ... effects, the single candidates, and a tie."""
@@ -99,10 +102,29 @@ class Growth:
             grown = evidence.settled(freed(evidence, grown, n_kept))
             if evidence.own_criterion(grown) >= evidence.own_criterion(current):
                 break  # what was accepted has been exchanged or left out again
+            better = self._better_by_itself(current, grown) if further else None
+            if better is not None:
+                fits[-1] = better  # what was accepted beside a poor fit is asked again
+                continue
             fits = rungs_to(evidence.structure, evidence.rows, grown, baseline, n_given)
         if tie and fits:
             tie = still_tied(self.trials, fits[-1], tie)
         return Grown(fits, trials, tie)
+
+    def _better_by_itself(self, current: StructureFit, grown: StructureFit) -> StructureFit | None:
+        """Return a clearly better fit of the model before, to which a further effect has led the way.
+
+        Then that effect was needed to leave a poor minimum, and may be for nothing else.
+        """
+        evidence = self.trials.evidence
+        if not set(current.names) < set(grown.names):
+            return None
+        choices = tuple(choice for choice in grown.choices if choice.name in current.names)
+        noise = evidence.noise(current).polynomial
+        other = evidence.structure.fit(choices, evidence.rows, noise, grown, effort=Effort.REFIT)
+        if not other.usable or evidence.own_criterion(other) > evidence.own_criterion(current) - ANOTHER:
+            return None
+        return other
 
     def _first_accepted(
         self, trials: Sequence[Trial], current: StructureFit, baseline: StructureFit, further: bool

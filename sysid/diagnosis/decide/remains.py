@@ -5,13 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.record import Mask
-from sysid.diagnosis.decide.evidence import Remainder, orthonormal, remainder
-from sysid.diagnosis.decide.noise_colour import Noise, noise_of
+from sysid.diagnosis.decide.evidence import Remainder, orthonormal, remainder, without
+from sysid.diagnosis.decide.noise_colour import noise_beside
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.structures.structure import WHITE, filtered
 
-# How often directions and a colour are brought to agree, and when they do: change of the log-likelihood.
-ROUNDS, AGREED = 8, 0.05
+# Together, probes are asked in no more than one direction for so many rows.
+ROWS_PER_DIRECTION = 8
 
 
 def chance_by_likelihood(residual: Floats, tangent: Floats, probes: Floats, rows: Mask) -> float:
@@ -56,33 +55,40 @@ def chance_by_likelihood(residual: Floats, tangent: Floats, probes: Floats, rows
     """
     from scipy.special import fdtrc
 
-    (alone, n_alone), (beside, n_beside) = (
-        _settled(residual, columns, rows) for columns in (tangent, np.hstack([tangent, probes]))
-    )
+    bases = [orthonormal(columns[rows]) for columns in (tangent, np.hstack([tangent, probes]))]
+    alone, beside = (noise_beside(residual, basis, rows)[1] for basis in bases)
+    n_alone, n_beside = (basis.shape[1] for basis in bases)
     n, q = int(rows.sum()), n_beside - n_alone
-    if q <= 0 or n - n_beside < 10 or beside.variance <= 0.0:
+    if q <= 0 or n - n_beside < 10 or beside <= 0.0:
         return 1.0
-    ratio = (alone.variance / beside.variance - 1.0) * (n - n_beside) / q
+    ratio = (alone / beside - 1.0) * (n - n_beside) / q
     return float(fdtrc(q, n - n_beside, max(ratio, 0.0)))
 
 
-def _settled(residual: Floats, columns: Floats, rows: Mask) -> tuple[Noise, int]:
-    """Return the colour of what columns leave, weighted by that colour, and how many columns count."""
-    basis = orthonormal(columns[rows])
-    whole, rest = np.zeros((residual.size, basis.shape[1])), np.zeros(residual.size)
-    whole[rows] = basis
-    weights = basis.T @ residual[rows]
-    found, before, n = Noise(WHITE, np.inf, 0.0), np.inf, int(rows.sum())
-    for _ in range(ROUNDS):
-        rest[rows] = residual[rows] - basis @ weights
-        found = noise_of(rest, rows)
-        likelihood = n * float(np.log(max(found.variance, 1e-300)))
-        if found.order == 0 or abs(likelihood - before) < AGREED:
-            break
-        before = likelihood
-        Q, R = np.linalg.qr(filtered(whole, rows, found.polynomial))
-        weights = np.linalg.solve(R, Q.T @ filtered(residual, rows, found.polynomial))
-    return found, basis.shape[1]
+def leading(tangent: Floats, probes: Floats, rows: Mask) -> Floats:
+    """Return the directions in which probes vary most beside what the model can follow.
+
+    Of few rows many directions leave so little that the colour of the noise is lost with them.
+
+    Parameters
+    ----------
+    tangent : ndarray, shape (n_samples, n_parameters)
+    probes : ndarray, shape (n_samples, n_probes)
+    rows : ndarray of bool, shape (n_samples,)
+
+    Returns
+    -------
+    ndarray, shape (n_samples, n_directions)
+        The probes themselves where they are few enough.
+    """
+    most = int(rows.sum()) // ROWS_PER_DIRECTION
+    if probes.shape[1] <= most:
+        return probes
+    size = np.linalg.norm(probes[rows], axis=0)
+    scaled = probes[:, size > 0.0] / size[size > 0.0]
+    beside = without(scaled[rows], orthonormal(tangent[rows]))
+    axes = np.linalg.svd(beside, full_matrices=False)[2][:most]
+    return np.asarray(scaled @ axes.T)
 
 
 def clearest(

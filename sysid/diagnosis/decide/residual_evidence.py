@@ -1,14 +1,14 @@
 """What the residuals of one record say: errors, criteria, the colour of the noise, what is left."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from sysid.data.record import Mask
-from sysid.diagnosis.decide.evidence import excess_in_blocks, orthonormal, remainder, without
-from sysid.diagnosis.decide.noise_colour import LARGEST_ORDER, Noise, noise_of
-from sysid.diagnosis.decide.remains import chance_by_likelihood, clearest
+from sysid.diagnosis.decide.evidence import excess_in_blocks, orthonormal, remainder
+from sysid.diagnosis.decide.noise_colour import LARGEST_ORDER, Noise, noise_beside, noise_of
+from sysid.diagnosis.decide.remains import chance_by_likelihood, clearest, leading
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.structures.probe_functions import families
 from sysid.diagnosis.structures.structure import WHITE, Effort, Structure, StructureFit, filtered
@@ -73,13 +73,13 @@ class Evidence:
 
     def left(self, baseline: StructureFit, final: StructureFit, rows: Mask) -> tuple[float, float, float]:
         """Return whether anything is left to explain, what share of the explainable it is, and the floor."""
-        tangent, probes = self.structure.tangent(final), self.structure.probes(final)
+        tangent, kinds, probes = self._directions(final, rows)
         noise = self.colour(final, tangent, probes, rows)
         weighted = self.refitted(final, noise)
         if weighted is not final and weighted.usable:
             # Far from the best fit under this colour, what its parameters could follow seems to be left.
             final = weighted
-            tangent, probes = self.structure.tangent(final), self.structure.probes(final)
+            tangent, kinds, probes = self._directions(final, rows)
             noise = self.colour(final, tangent, probes, rows)
         residual, colour = self.residual(final), noise.polynomial
         found = remainder(*(filtered(part, rows, colour) for part in (residual, tangent, probes)))
@@ -94,10 +94,8 @@ class Evidence:
         if plain.size > 1:
             p_value = min(p_value, chance_by_likelihood(residual, tangent, probes, rows))
         # One kind of effect alone shows more clearly by its own probes.
-        kinds = families(probes.shape[1])
-        whitened = (filtered(part, rows, plain) for part in (residual, tangent, probes))
-        residual_left, tangent_left, probes_left = whitened
-        by_kind, most = clearest(residual_left, tangent_left, probes_left, kinds)
+        whitened = [filtered(part, rows, plain) for part in (residual, tangent, kinds)]
+        by_kind, most = clearest(whitened[0], whitened[1], whitened[2], families(kinds.shape[1]))
         share = self._share_left(baseline, final, rows, colour, found.explained)
         if by_kind < p_value:
             p_value = by_kind
@@ -200,22 +198,14 @@ class Evidence:
         The residual's own autoregression would swallow a drift or a periodic remainder.
         """
         rows, residual = self.rows if rows is None else rows, self.residual(fit)
-        tangent = self.structure.tangent(fit) if tangent is None else tangent
-        probes = self.structure.probes(fit) if probes is None else probes
-        columns = orthonormal(np.hstack([tangent[rows], probes[rows]]))
-        rest = np.zeros(residual.size)
-        rest[rows] = without(residual[rows], columns)
-        found = noise_of(rest, rows)
-        if found.order:
-            # Plain least squares takes slow noise for a trend: once more with the colour found so far.
-            whole = np.zeros((residual.size, columns.shape[1]))
-            whole[rows] = columns
-            basis, target = (filtered(part, rows, found.polynomial) for part in (whole, residual))
-            weights = np.linalg.lstsq(basis, target, rcond=None)[0]
-            rest[rows] = residual[rows] - columns @ weights
-            found = noise_of(rest, rows)
-        left = max(int(rows.sum()) - columns.shape[1], 1)
-        return replace(found, variance=found.variance * int(rows.sum()) / left)
+        if tangent is None or probes is None:
+            tangent, _, probes = self._directions(fit, rows)
+        return noise_beside(residual, orthonormal(np.hstack([tangent[rows], probes[rows]])), rows)[0]
+
+    def _directions(self, fit: StructureFit, rows: Mask) -> tuple[Floats, Floats, Floats]:
+        """Return what the model can follow, all probes, and as many of their directions as rows allow."""
+        tangent, probes = self.structure.tangent(fit), self.structure.probes(fit)
+        return tangent, probes, leading(tangent, probes, rows)
 
     def refitted(self, fit: StructureFit, noise: Noise) -> StructureFit:
         """Return a fit on the rows of the search, moved to where it is best under a colour of the noise."""

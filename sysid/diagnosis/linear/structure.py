@@ -87,9 +87,10 @@ class LinearStructure:
 
     def __init__(self, record: Record, order: int | None = None, *, initial_state: str = "estimate") -> None:
         if record.u.shape[1] != 1 or record.y.shape[1] != 1:
+            channels = f"inputs {', '.join(record.inputs)} and outputs {', '.join(record.outputs)}"
             raise UsageError(
-                f"the record has {record.u.shape[1]} inputs and {record.y.shape[1]} outputs: diagnosis of a "
-                "linear model takes one of each"
+                f"the record has {channels}, diagnosis of a linear model takes one of each: choose them by "
+                "--input and --output, or describe the plant as a physical model, which takes all inputs"
             )
         if initial_state not in ("estimate", "rest"):
             raise UsageError(f"initial_state is {initial_state!r}: choose 'estimate' or 'rest'")
