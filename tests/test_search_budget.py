@@ -13,7 +13,7 @@ from sysid.diagnosis.decide.decision import Decision
 from sysid.diagnosis.decide.noise_colour import Noise
 from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.linear.structure import LinearStructure
-from sysid.diagnosis.orders import with_effects
+from sysid.diagnosis.orders import decided_with_order
 from sysid.diagnosis.physics import structure as physics_structure
 from sysid.diagnosis.physics.structure import PhysicsStructure
 from sysid.diagnosis.ports.physics_plant import PhysicsPlant
@@ -161,12 +161,12 @@ def test_another_order_explains_with_its_first_effects_or_not_at_all(cut_short):
 
     def decide(structure):
         tried.append(structure)
-        return decided(structure, named=True, cut_short=cut_short), None
+        return decided(structure, named=structure is not first, cut_short=cut_short), None
 
-    taken = with_effects((first, decided(first, named=False), None), decide, 0.01)
+    taken = decided_with_order(first, decide, 0.01)
     assert (taken[0] is first) == cut_short
-    assert [structure.order for structure in tried] == ([2, 1] if cut_short else [2])
-    assert all(structure.work.given < 0.5 * first.work.given for structure in tried)
+    assert [structure.order for structure in tried] == ([3, 2, 1, 4] if cut_short else [3, 2])
+    assert all(structure.work.given < 0.5 * first.work.given for structure in tried[1:])
 
 
 @pytest.mark.parametrize("damping", [0.2, 3.0, 40.0])

@@ -56,9 +56,9 @@ def decided_with_order(structure: LinearStructure, decide: Decide, alpha: float)
 
     The order is chosen by the validation error of the model without effects.  That says nothing where this
     model follows nothing: then the order is chosen with the effects that were found at a high one.  Where it
-    leaves something that nothing explains, or the record is so short that a higher order can hide it, a lower
-    one is taken if with effects that no order does it comes closer, on held-out rows and by the information
-    criterion.  What was found may itself ask for another order, and is then looked for again at that one.
+    leaves something that nothing explains, or the record is so short that a higher order can hide it, one
+    near it is taken if with effects that no order does it comes closer, on held-out rows and by the
+    information criterion.  What was found may itself ask for another order, and is then looked for again at that one.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def decided_with_order(structure: LinearStructure, decide: Decide, alpha: float)
     orders = _Orders(structure, decide, alpha)
     blind = orders.is_lost(structure.baseline(orders.evidence.rows))
     found = orders.from_above() if blind else None
-    found = orders.lower(orders.decided(structure.order), blind) if found is None else found
+    found = orders.near(orders.decided(structure.order), blind) if found is None else found
     return orders.beside_effects(found)
 
 
@@ -121,15 +121,15 @@ class _Orders:
             return found if lower is None or not self._as_good(lower, found) else lower
         return None
 
-    def lower(self, first: Decided, blind: bool) -> Decided:
-        """Return the decision at a lower order if it names what the first does not, and comes closer."""
+    def near(self, first: Decided, blind: bool) -> Decided:
+        """Return the decision at a near order if it names what the first does not, and comes closer."""
         structure, decision, _ = first
         assert isinstance(structure, LinearStructure)
         short = int(structure.record.learning.sum()) < SHORT
         short = short and decision.verdict in ("nothing-missing", "coloured-noise")
         if blind or not (short or decision.verdict == "unexplained"):
             return first
-        for order in _lower(structure.order):
+        for order in _near(structure.order):
             found = self._named(order, spared=True)
             if found is not None and is_better_held_out(self.evidence, found[1].final, decision.final):
                 return found
@@ -205,12 +205,14 @@ def _matter_of_order(names: Sequence[str]) -> frozenset[str]:
     return frozenset(name for name in linear if not name.startswith("out_")) if bent else linear
 
 
-def _lower(order: int) -> Iterator[int]:
-    """Return the next lower orders.
+def _near(order: int) -> Iterator[int]:
+    """Return the next lower orders, and the next higher one.
 
     Examples
     --------
-    >>> list(_lower(4)), list(_lower(1))
-    ([3, 2], [])
+    >>> list(_near(4)), list(_near(1)), list(_near(HIGHEST_ORDER))
+    ([3, 2, 5], [2], [5, 4])
     """
     yield from range(order - 1, max(order - 1 - LOWER, 0), -1)
+    if order < HIGHEST_ORDER:
+        yield order + 1

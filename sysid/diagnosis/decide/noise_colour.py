@@ -88,7 +88,7 @@ def noise_of(
     return found
 
 
-def noise_beside(residual: Floats, columns: Floats, rows: Mask) -> tuple[Noise, float]:
+def noise_beside(residual: Floats, columns: Floats, rows: Mask, rounds: int = ROUNDS) -> tuple[Noise, float]:
     """Return the colour of the noise beside columns that a residual may hold, and what they leave of it.
 
     What a fit of many columns leaves is coloured even if the noise is white: the columns follow the noise as
@@ -102,6 +102,9 @@ def noise_beside(residual: Floats, columns: Floats, rows: Mask) -> tuple[Noise, 
     columns : ndarray, shape (n_rows, n_columns)
         On the chosen rows; of full rank.
     rows : ndarray of bool, shape (n_samples,)
+    rounds : int
+        How often at most.  The first takes the noise for white; few rounds leave more of what is slow to the
+        columns than many, which end where most of it is noise.
 
     Returns
     -------
@@ -135,7 +138,7 @@ def noise_beside(residual: Floats, columns: Floats, rows: Mask) -> tuple[Noise, 
     whole, rest = np.zeros((residual.size, n_columns)), np.zeros(residual.size)
     whole[rows] = columns
     left = 0.0
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         whitened = (filtered(part, rows, found.polynomial) for part in (whole, residual))
         R: Floats = np.asarray(np.linalg.qr(np.column_stack([*whitened]), mode="r"))
         by_columns, along, left = R[:-1, :-1], R[:-1, -1], float(R[-1, -1] ** 2)

@@ -15,6 +15,8 @@ from sysid.diagnosis.structures.structure import WHITE, Effort, Structure, Struc
 
 # Without an effect something counts as seen under the residual's own colour with a chance below this.
 SEEN_P_VALUE = 1e-2
+# The colour beside the probes is settled so often: what is slow and nobody listed is theirs, not the noise's.
+COLOUR_ROUNDS = 2
 # Something is left when the probes, or held-out rows, find it with a chance below this.
 LEFT_P_VALUE = 1e-5
 # Held-out innovations larger than those of the search by this factor, beyond chance, show something else.
@@ -200,7 +202,8 @@ class Evidence:
         rows, residual = self.rows if rows is None else rows, self.residual(fit)
         if tangent is None or probes is None:
             tangent, _, probes = self._directions(fit, rows)
-        return noise_beside(residual, orthonormal(np.hstack([tangent[rows], probes[rows]])), rows)[0]
+        columns = orthonormal(np.hstack([tangent[rows], probes[rows]]))
+        return noise_beside(residual, columns, rows, COLOUR_ROUNDS)[0]
 
     def _directions(self, fit: StructureFit, rows: Mask) -> tuple[Floats, Floats, Floats]:
         """Return what the model can follow, all probes, and as many of their directions as rows allow."""

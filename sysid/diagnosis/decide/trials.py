@@ -224,6 +224,10 @@ class Trials:
                 continue
             choices = (*current.choices, Choice(effect, form))
             fit = structure.fit(choices, rows, noise.polynomial, current, effort=effort)
+            if form.jumps and noise.order > 0:
+                # The colour without it is that of its steps: by it these are the wildest of innovations.
+                plain = structure.fit(choices, rows, WHITE, current, effort=effort)
+                fit = min((fit, plain), key=lambda one: self.evidence.cost(one, WHITE_NOISE))
             if not fit.usable:
                 continue
             criterion = self.evidence.criterion(fit, noise)
