@@ -58,7 +58,8 @@ def decided_with_order(structure: LinearStructure, decide: Decide, alpha: float)
     model follows nothing: then the order is chosen with the effects that were found at a high one.  Where it
     leaves something that nothing explains, or the record is so short that a higher order can hide it, one
     near it is taken if with effects that no order does it comes closer, on held-out rows and by the
-    information criterion.  What was found may itself ask for another order, and is then looked for again at that one.
+    information criterion.  What was found may itself ask for another order, and is then looked for again at
+    that one.
 
     Parameters
     ----------
