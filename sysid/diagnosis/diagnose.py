@@ -169,12 +169,15 @@ def _against_curves(
     """Weigh the names beside something unexplained against one free-form curve at a time.
 
     If a curve outdoes them they only resemble what is missing, and are left out; otherwise what they leave
-    may be a detail.
+    may be a detail.  A single force beside noise with a memory is weighed so, too: that noise may be what its
+    law leaves of another one.
     """
+    from sysid.diagnosis.shortfall import curves_at_ports, each_counts, only_resembled, outdone
+
+    if decision.verdict == "missing-effect" and only_resembled(structure, decision):
+        return _with_nothing_found(decision), curves_at_ports(structure)
     if decision.verdict != "unexplained" or len(decision.fits) == len(decision.given):
         return decision, None
-    from sysid.diagnosis.shortfall import curves_at_ports, each_counts, outdone
-
     curves = curves_at_ports(structure)
     if not outdone(structure.record, decision, curves):
         if curves and each_counts(structure.record, decision):

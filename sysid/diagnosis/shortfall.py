@@ -7,15 +7,20 @@ import numpy as np
 
 from sysid.diagnosis.comparison.series import judged_series
 from sysid.diagnosis.comparison.where import Finding, locate
-from sysid.diagnosis.decide.decision import Decision
+from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.ports.plants import PORTS
-from sysid.diagnosis.structures.structure import Structure
+from sysid.diagnosis.structures.structure import Choice, Structure
 from sysid.errors import SysidError
+from sysid.physics.expressions import symbols
+from sysid.physics.grammar import parse
 
 if TYPE_CHECKING:
     from sysid.data import Record
     from sysid.diagnosis.ports import PortCurve
+
+# A curve of free form that leaves less than this share of what a named force leaves has found another law.
+RESEMBLED = 0.8
 
 
 def where_it_fails(record: "Record", free_run: Floats, judged: str) -> tuple[Finding, ...]:
@@ -51,6 +56,36 @@ def outdone(record: "Record", decision: Decision, curves: "Sequence[PortCurve]")
     before, *_, after = _held_out_errors(record, decision)
     best = max((curve.explains_at_most for curve in curves), default=0.0)
     return bool(before > 0.0 and best > 1.0 - after / before)
+
+
+def only_resembled(structure: Structure, decision: Decision) -> bool:
+    """Tell whether a single named force only resembles what is missing, and noise was to explain the rest.
+
+    At the place of the true law no curve of free form does better, but for chance; one that leaves clearly
+    less on held-out rows says that the force depends on the same motion by another law.
+
+    Parameters
+    ----------
+    structure : Structure
+    decision : Decision
+        That effects are missing.
+    """
+    port = _port_of(decision.final.choices[-1]) if len(decision.fits) == 1 else ""
+    if decision.given or NOISE_EFFECT not in decision.accepted or not port:
+        return False
+    before, after = _held_out_errors(structure.record, decision)
+    curves = curves_at_ports(structure, [port])
+    return any((1.0 - curve.explains_at_most) * before < RESEMBLED * after for curve in curves)
+
+
+def _port_of(choice: Choice) -> str:
+    """Return the port at which a curve of free form holds the law of a force, empty for none."""
+    form = choice.form
+    if choice.effect.port != "force" or choice.effect.dry or form.state:
+        return ""
+    law = parse(form.expression, {"x", "v", *(parameter.name for parameter in form.parameters)})
+    depends = symbols(law) & {"x", "v"}
+    return "" if len(depends) != 1 else {"x": "position", "v": "velocity"}[min(depends)]
 
 
 def each_counts(record: "Record", decision: Decision) -> bool:
