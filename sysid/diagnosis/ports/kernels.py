@@ -82,9 +82,10 @@ def run_loop(
         y[k] = value + G * s
         if mode == BEHIND:
             s = 0.0
-        for j in range(lag + 1):
-            if k == 0 or j == k % (lag + 1):
+        if k == 0:
+            for j in range(lag + 1):
                 waiting[j] = s
+        waiting[k % (lag + 1)] = s
         s = waiting[(k + 1) % (lag + 1)]
         for i in range(n):
             value = E[i] * s
@@ -213,11 +214,14 @@ def differentiate_loop(
             s = 0.0
             for q in range(width):
                 force[q] = 0.0
-        for j in range(lag + 1):
-            if k == 0 or j == k % (lag + 1):
+        if k == 0:
+            for j in range(lag + 1):
                 waiting[j] = s
                 for q in range(width):
                     waiting_moved[j, q] = force[q]
+        waiting[k % (lag + 1)] = s
+        for q in range(width):
+            waiting_moved[k % (lag + 1), q] = force[q]
         place = (k + 1) % (lag + 1)
         s = waiting[place]
         for q in range(width):
