@@ -119,7 +119,7 @@ class _Orders:
                 return None
             below = self._best_order(decision.final.choices, range(order - 1, 0, -1), decision.final)
             lower = None if below is None else self._named(below)
-            return found if lower is None or not self._as_good(lower, found) else lower
+            return lower if lower is not None and self._as_good(lower[1].final, decision.final) else found
         return None
 
     def near(self, first: Decided, blind: bool) -> Decided:
@@ -158,8 +158,7 @@ class _Orders:
     def _holds(self, fit: StructureFit, other: StructureFit) -> bool:
         """Tell whether a fit is as good as another by its criterion, and on held-out rows but for chance."""
         after, before = (self.evidence.residual(each)[self.evidence.held_out] for each in (fit, other))
-        as_good = self.evidence.own_criterion(fit) < self.evidence.own_criterion(other) + EVEN
-        return as_good and block_separation(before, after) < TIED
+        return self._as_good(fit, other) and block_separation(before, after) < TIED
 
     def _named(self, order: int, spared: bool = False) -> Decided | None:
         """Return what is missing at an order if that is known, and no matter of the order.
@@ -183,10 +182,9 @@ class _Orders:
                 best, limit = order, self.evidence.own_criterion(fit)
         return best
 
-    def _as_good(self, found: Decided, other: Decided) -> bool:
-        """Tell whether a decision is as good as another by the criterion of its final model."""
-        ours, theirs = (self.evidence.own_criterion(decided[1].final) for decided in (found, other))
-        return ours < theirs + EVEN
+    def _as_good(self, fit: StructureFit, other: StructureFit) -> bool:
+        """Tell whether a fit is as good as another by its criterion."""
+        return self.evidence.own_criterion(fit) < self.evidence.own_criterion(other) + EVEN
 
 
 def _matter_of_order(names: Sequence[str]) -> frozenset[str]:

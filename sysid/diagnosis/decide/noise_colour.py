@@ -6,6 +6,7 @@ import numpy as np
 
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.structures.rows import runs_of
 from sysid.diagnosis.structures.structure import WHITE, filtered
 
 LARGEST_ORDER = 12
@@ -159,10 +160,8 @@ def _lagged_root(hidden: Floats, rows: Mask, largest: int) -> Floats:
     the next only the ends of each run of rows come in or go out.
     """
     moments = np.zeros((largest + 1, largest + 1))
-    index = np.flatnonzero(rows)
-    breaks = np.flatnonzero(np.diff(index, prepend=index[:1] - 2) != 1)
-    for first, last in zip(breaks.tolist(), [*breaks[1:].tolist(), index.size], strict=True):
-        z = hidden[first:last]
+    for run in runs_of(rows):
+        z = hidden[run]
         if z.shape[0] > largest:
             moments += _lag_moments(z, largest)
     lags = [*range(1, largest + 1), 0]
@@ -189,8 +188,8 @@ def _with_past(residual: Floats, rows: Mask, largest: int) -> tuple[Floats, Floa
     and few of them would count more than all innovations.
     """
     index = np.flatnonzero(rows)
-    breaks = np.flatnonzero(np.diff(index, prepend=index[:1] - 2) != 1)
-    position = np.arange(index.size) - np.repeat(breaks, np.diff(np.append(breaks, index.size)))
+    lengths = [run.stop - run.start for run in runs_of(rows)]
+    position = np.concatenate([np.empty(0, dtype=np.intp), *map(np.arange, lengths)])
     while largest and np.sum(position >= largest) < LEAST_WITH_PAST * index.size:
         largest //= 2
     kept = index[position >= largest]

@@ -10,6 +10,7 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, Floats, Form
+from sysid.diagnosis.structures.rows import runs_of
 from sysid.diagnosis.structures.whitening import opening
 
 # D(q) of noise without a memory: what is fitted is the plain free-run error.
@@ -213,14 +214,12 @@ def filtered(columns: Floats, rows: Mask, noise: Floats) -> Floats:
     chosen = columns[rows]
     if noise.size == 1:
         return chosen
-    index = np.flatnonzero(rows)
-    # Where each run begins.
-    breaks = np.flatnonzero(np.diff(index, prepend=index[:1] - 2) != 1)
     out, first = chosen.copy(), opening(noise)
     for lag in range(1, noise.size):
         out[lag:] += noise[lag] * chosen[:-lag]
-    for start, end in zip(breaks.tolist(), [*breaks[1:].tolist(), index.size], strict=True):
-        rows_without_past = min(noise.size - 1, end - start)
+    for run in runs_of(rows):
+        start = run.start
+        rows_without_past = min(noise.size - 1, run.stop - start)
         W = first[:rows_without_past, :rows_without_past]
         out[start : start + rows_without_past] = W @ chosen[start : start + rows_without_past]
     return out
