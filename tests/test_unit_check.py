@@ -137,3 +137,21 @@ def test_a_unit_is_told_although_friction_is_missing(unit: str, size: float) -> 
     model, note = in_units_of(record, motor)
     assert f"in {unit} and not in rad/s" in note
     assert model.outputs[0].unit == unit
+
+
+@pytest.mark.parametrize(("scale", "names", "unit"), [(1.0, ("F", "x"), "m"), (1e3, ("F", "x"), "mm")])
+def test_errors_are_told_in_the_unit_of_the_model(scale: float, names: tuple[str, str], unit: str) -> None:
+    record = spring_record(scale, names)
+    found = compare(record, "mass-spring-damper", start=GIVEN, ports=False)
+    assert f"{unit} RMSE" in found.sentences()[0]
+    diagnosis = diagnose(record, "mass-spring-damper", start=GIVEN, max_effects=0)
+    assert diagnosis.record.unit("x") == unit
+    assert diagnosis.record.unit("F") == "N"
+    assert any(f"{unit} RMSE" in sentence for sentence in diagnosis.sentences())
+
+
+def test_a_unit_that_a_column_has_is_kept() -> None:
+    record = spring_record(1e3, ("F", "x [mm]"))
+    assert compare(record, "mass-spring-damper", ports=False).record.unit("x [mm]") == "mm"
+    assert record.with_units({"x [mm]": "m", "F": "N"}).units == {"x [mm]": "mm", "F": "N"}
+    assert record.units == {"x [mm]": "mm"}

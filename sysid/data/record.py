@@ -157,6 +157,11 @@ class Record:
         """Return the unit of a column, or an empty string."""
         return self.units.get(column, "")
 
+    def with_units(self, units: Mapping[str, str]) -> "Record":
+        """Return the same record with units for the columns that have none."""
+        given = {column: unit for column, unit in self.units.items() if unit}
+        return replace(self, units=MappingProxyType({**units, **given}))
+
     @cached_property
     def sha256(self) -> str:
         """Hash of the content: arrays, period, splits, experiments; not of the file's form."""

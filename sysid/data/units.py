@@ -35,6 +35,17 @@ def named_units(names: Sequence[str]) -> dict[str, str]:
     return {name: (match[1] or match[2]).strip() for name, match in found.items() if match}
 
 
+def per_second(unit: str) -> str:
+    """Return the unit of a rate of change.
+
+    Examples
+    --------
+    >>> per_second("m"), per_second("rad/s"), per_second("")
+    ('m/s', 'rad/s^2', '1/s')
+    """
+    return f"{unit}^2" if unit.endswith("/s") else f"{unit or '1'}/s"
+
+
 def time_unit(name: str) -> str:
     """Return the unit that the name of a time column ends with; empty if it tells none.
 

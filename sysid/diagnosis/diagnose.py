@@ -159,7 +159,16 @@ def diagnose(
     advice = advise(structure, decision, accepted)
     seconds, searched = time.perf_counter() - begun, structure if long else None
     return Diagnosis(
-        record, whole, decision, accepted, ladder, decision.floor, advice, seconds, searched, curves
+        _in_its_units(record, whole),
+        whole,
+        decision,
+        accepted,
+        ladder,
+        decision.floor,
+        advice,
+        seconds,
+        searched,
+        curves,
     )
 
 
@@ -243,6 +252,14 @@ def structure_of(
     loaded = model if isinstance(model, Model) else load_model(model)
     read, units = in_units_of(record, loaded.with_parameters(start, fixed))
     return PhysicsStructure(record, read, initial_state, units)
+
+
+def _in_its_units(record: Record, structure: Structure) -> Record:
+    """Return the record, columns without a unit in that of a physical model."""
+    from sysid.diagnosis.models.unit_check import in_units_of_model
+    from sysid.diagnosis.physics.structure import PhysicsStructure
+
+    return in_units_of_model(record, structure.model) if isinstance(structure, PhysicsStructure) else record
 
 
 def taken_up(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data import Record
+from sysid.data.units import per_second
 from sysid.diagnosis.comparison.series import Series
 from sysid.diagnosis.ports.reversals import NEAR_ZERO
 from sysid.diagnosis.wording import quantity
@@ -105,7 +106,7 @@ def moving_signal(record: Record) -> tuple[str, str]:
     output = record.outputs[0]
     unit = record.unit(output)
     name = "velocity" if unit in LENGTH_UNITS else f"rate of change of {output}"
-    return name, f"{unit}/s" if unit else "1/s"
+    return name, per_second(unit)
 
 
 def _usable(division: Division) -> Division | None:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data import Record
+from sysid.data.units import per_second
 from sysid.diagnosis.ports.kernels import BEHIND, KNOWN, OUTPUT, RATE
 from sysid.diagnosis.ports.plants import Matrices, Port
 from sysid.linear.forms import Floats, section_coefficients
@@ -45,7 +46,7 @@ class LinearPlant:
         """Return one port for each input, one behind, and two forces."""
         y, y_unit = record.outputs[0], record.unit(record.outputs[0])
         u, u_unit = record.inputs[0], record.unit(record.inputs[0])
-        speed = f"rate of {y}", f"{y_unit or '1'}/s"
+        speed = f"rate of {y}", per_second(y_unit)
         found = [
             Port(
                 "input",
