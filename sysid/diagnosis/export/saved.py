@@ -5,7 +5,7 @@ import tomllib
 from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -28,7 +28,15 @@ MARK = "sysid-"
 ENDINGS = (".json", ".toml", ".py")
 
 
-def to_control(model: DiagnosedModel | Saved) -> "control.NonlinearIOSystem":
+@runtime_checkable
+class Diagnosed(Protocol):
+    """A diagnosis, whose model is the last of its ladder."""
+
+    @property
+    def final(self) -> DiagnosedModel: ...  # noqa: D102
+
+
+def to_control(model: DiagnosedModel | Diagnosed | Saved) -> "control.NonlinearIOSystem":
     """Return a diagnosed or saved model as a system of python-control.
 
     A linear difference equation becomes one in discrete time, a physical model one in continuous time.
@@ -47,7 +55,7 @@ def to_control(model: DiagnosedModel | Saved) -> "control.NonlinearIOSystem":
     return control_physics.control_system(saved)
 
 
-def to_python(model: DiagnosedModel | Saved) -> str:
+def to_python(model: DiagnosedModel | Diagnosed | Saved) -> str:
     """Return the source of a function ``simulate(u)`` that needs NumPy alone.
 
     Raises
@@ -63,10 +71,14 @@ def to_python(model: DiagnosedModel | Saved) -> str:
     return standalone_physics.source(saved)
 
 
-def saved_model(model: DiagnosedModel | Saved) -> Saved:
-    """Return a diagnosed model apart from its record; a saved one is returned as it is."""
+def saved_model(model: DiagnosedModel | Diagnosed | Saved) -> Saved:
+    """Return a diagnosed model apart from its record, of a diagnosis the last one; a saved one as it is."""
     if isinstance(model, Saved):
         return model
+    model = model.final if isinstance(model, Diagnosed) else model
+    if not isinstance(model, DiagnosedModel):
+        kind = type(model).__name__
+        raise UsageError(f"the model is of type {kind}: give that of a diagnosis, or one that was loaded")
     structure, fit = model.structure, model.fitted
     if isinstance(structure, PhysicsStructure):
         return saved_physical_model(model)
@@ -84,7 +96,7 @@ def saved_model(model: DiagnosedModel | Saved) -> Saved:
     )
 
 
-def save(model: DiagnosedModel | Saved, path: Path | str) -> None:
+def save(model: DiagnosedModel | Diagnosed | Saved, path: Path | str) -> None:
     """Save a model by the ending of the file: ``.json``, ``.toml``, or ``.py`` (NumPy alone).
 
     The first two are read again by `load`, and taken by `compare` and `diagnose` in place of a model's name.

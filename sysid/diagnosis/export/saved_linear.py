@@ -54,8 +54,9 @@ class SavedModel:
         return [(name, value, "") for name, value in [*named, ("constant", self.constant)]]
 
     def equation(self) -> str:
-        """Return the difference equation, for a reader."""
-        return equation_text(self.order, True, self.chain()[1], ())
+        """Return the difference equation with its effects, for a reader."""
+        laws = [(effect.choice.effect, effect.parameters) for effect in self.effects]
+        return equation_text(self.order, True, self.chain()[1], laws)
 
     def visited(self, u: ArrayLike) -> Floats:
         """Return states from which a search for an initial one may begin besides rest: none is needed."""

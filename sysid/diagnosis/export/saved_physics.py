@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.export.saved_effects import DIVERGES, SavedEffect, saved_effects
 from sysid.diagnosis.ladder import DiagnosedModel
+from sysid.diagnosis.physics.equation import equation_text
 from sysid.diagnosis.physics.laws import INNER, coefficients, own_law
 from sysid.diagnosis.physics.problem import problem_of
 from sysid.diagnosis.physics.setting import Plant
@@ -108,8 +109,10 @@ class SavedPhysicalModel:
         return [(p.name, p.start, p.unit) for p in self.model.parameters]
 
     def equation(self) -> str:
-        """Return the equations of motion, for a reader."""
-        return str(self.model)
+        """Return the equations of motion with their effects, for a reader."""
+        return equation_text(
+            self.model, [(effect.choice.effect, effect.parameters) for effect in self.effects]
+        )
 
     def visited(self, u: ArrayLike) -> Floats:
         """Return the states that a run from rest passes, shape (n_samples, order).

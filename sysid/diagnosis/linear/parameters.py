@@ -1,21 +1,22 @@
 """What the point of a linear model says to a reader: named parameters, their errors, the equation."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from sysid.data import Record
 from sysid.data.record import Mask
-from sysid.diagnosis.effects.base import EffectParameter, Floats
+from sysid.diagnosis.effects.base import Effect, EffectParameter, Floats
 from sysid.diagnosis.linear.cells import read_cells
 from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.levenberg import Minimum
 from sysid.diagnosis.linear.modes import errors_over_minima
 from sysid.diagnosis.linear.profile import Profile
 from sysid.diagnosis.linear.rows import Data
+from sysid.diagnosis.structures.equation_words import Signals, effect_line
 from sysid.diagnosis.structures.plain_errors import plain_errors
-from sysid.diagnosis.structures.structure import WHITE, Choice, FittedParameter
+from sysid.diagnosis.structures.structure import WHITE, FittedParameter
 
 # Of the diagonal of R, columns scaled to unit length: below it the unknowns cannot be told apart.
 DEPENDENT = 1e-10
@@ -120,16 +121,24 @@ def widened_by_memory(chain: Chain, data: Data, point: Floats, noise: Floats) ->
     return np.where(known, coloured / np.where(known, white, 1.0), 1.0)
 
 
-def equation_text(order: int, constant: bool, point: Floats, choices: Sequence[Choice]) -> str:
-    """Return the difference equation with its effects, for a reader."""
+def equation_text(
+    order: int, constant: bool, point: Floats, effects: Sequence[tuple[Effect, Mapping[str, float]]]
+) -> str:
+    """Return the difference equation and below it a line for each effect, for a reader.
+
+    Where an effect stands before it, it is driven by x and not by the input u; where one stands behind it,
+    its own output is z and not y.
+    """
+    ports = {effect.port for effect, _ in effects}
+    x = "x" if ports & {"input", "gain"} else "u"
+    z = "z" if ports & {"output", "parallel"} else "y"
     a, b = point[:order], point[order : 2 * order]
-    left = "z(k)" + "".join(f" {_signed(value)} z(k-{i})" for i, value in enumerate(a, 1))
-    right = "".join(f" {_signed(value)} x(k-{i})" for i, value in enumerate(b, 1)).lstrip("+ ")
+    left = f"{z}(k)" + "".join(f" {_signed(value)} {z}(k-{i})" for i, value in enumerate(a, 1))
+    right = "".join(f" {_signed(value)} {x}(k-{i})" for i, value in enumerate(b, 1)).lstrip("+ ")
     if constant:
         right += f" {_signed(point[2 * order])}"
-    lines = [f"{left} = {right}"]
-    lines += [f"{choice.name}: {choice.effect.equation}" for choice in choices]
-    return "\n".join(lines)
+    signals = Signals("u", z, z, f"the change of {z} in a sample", f"taken off {x}")
+    return "\n".join([f"{left} = {right}", *(effect_line(*each, signals) for each in effects)])
 
 
 def _signed(value: float) -> str:

@@ -350,7 +350,7 @@ class LinearStructure:
 
     def equation(self, fit: StructureFit) -> str:
         """Return the model's equation with its effects, for a reader."""
-        return equation_text(self.order, self.free_start, fit.point, fit.choices)
+        return equation_text(self.order, self.free_start, fit.point, fit.laws)
 
     def chain(self, choices: Sequence[Choice], steps: Steps | None = None) -> Chain:
         """Return the model with effects; noise is not part of it."""

@@ -72,8 +72,7 @@ class KnownModel:
     @property
     def equations(self) -> tuple[str, ...]:
         """Of the model and of its effects."""
-        effects = [f"{effect.name}: {effect.choice.effect.equation}" for effect in self.saved.effects]
-        return (*self.saved.equation().splitlines(), *effects)
+        return tuple(self.saved.equation().splitlines())
 
     @property
     def parameters(self) -> Mapping[str, ParameterValue]:

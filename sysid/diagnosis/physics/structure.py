@@ -25,6 +25,7 @@ from sysid.diagnosis.physics.descents import (
     nearly_agree,
 )
 from sysid.diagnosis.physics.directions import directions, probes
+from sysid.diagnosis.physics.equation import equation_text
 from sysid.diagnosis.physics.free_run import free_run, runs
 from sysid.diagnosis.physics.hold import SMOOTHER, band_limited
 from sysid.diagnosis.physics.laws import SWITCHES, with_level
@@ -361,11 +362,7 @@ class PhysicsStructure:
 
     def equation(self, fit: StructureFit) -> str:
         """Return the model's equation with its effects, for a reader."""
-        lines = [str(self.model)]
-        for choice in fit.choices:
-            values = ", ".join(f"{p.name} = {p.value:.4g}" for p in fit.parameters_of(choice.name))
-            lines.append(f"{choice.name}: {choice.effect.equation}" + (f"  ({values})" if values else ""))
-        return "\n".join(lines)
+        return equation_text(self.model, fit.laws)
 
 
 def _diverged(choices: Sequence[Choice], start: StructureFit) -> StructureFit:

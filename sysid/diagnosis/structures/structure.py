@@ -114,6 +114,14 @@ class StructureFit:
         """Return the parameters that belong to an effect."""
         return tuple(parameter for parameter in self.parameters if parameter.owner == effect)
 
+    @property
+    def laws(self) -> list[tuple[Effect, dict[str, float]]]:
+        """Effects with the values of their parameters, as an equation shows them."""
+        return [
+            (choice.effect, {p.name: p.value for p in self.parameters_of(choice.name)})
+            for choice in self.choices
+        ]
+
 
 class Structure(Protocol):
     """A family of models that can be fitted with effects to one record.
