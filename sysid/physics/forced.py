@@ -19,7 +19,7 @@ from sysid.physics.ports import Port, find_port
 MOST_STATES = 4
 MOST_SUBSTEPS = 200
 # So many times a step may be coarser for what decays within a sample.
-COARSER = 3.0
+COARSER = 5.0
 # The law without effects: nineteen coefficients, in the order of `sysid.physics.forced_kernels`.
 LAW_NAMES = (
     "friction_forward",
