@@ -12,7 +12,7 @@ from sysid.diagnosis.decide.growth import Grown, Growth
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
 from sysid.diagnosis.decide.refinement import refined
 from sysid.diagnosis.decide.residual_evidence import Evidence
-from sysid.diagnosis.decide.revision import exchanged, freed
+from sysid.diagnosis.decide.revision import exchanged, freed, reordered
 from sysid.diagnosis.decide.rungs import rungs_to
 from sysid.diagnosis.decide.trials import Trials
 from sysid.diagnosis.decide.verdict import Judge, explains_most, leaves_a_trace
@@ -132,14 +132,15 @@ class Attempt:
         Alone, a look-alike can explain more than either of two effects that together explain everything.
         """
         for found in self._pairs(trials):
-            pair = freed(self.evidence, found, len(self.growth.given))
+            n_given = len(self.growth.given)
+            pair = freed(self.evidence, reordered(self.evidence, found, n_given), n_given)
             if not is_better_held_out(self.evidence, pair, decision.final):
                 continue
             other = self._judged_pair(decision, pair, trials)
             close = other.verdict == "unexplained" and explains_most(other.left_share)
             if close and self.trials.allowance.permits(PROMISING):
                 # The first was fitted without the second: search it again beside it.
-                again = exchanged(self.trials, pair, len(self.growth.given))
+                again = reordered(self.evidence, exchanged(self.trials, pair, n_given), n_given)
                 other = self._judged_pair(decision, again, trials) if again is not pair else other
             # Found at a second attempt it must leave not even a trace.
             if other.verdict != "unexplained" and not leaves_a_trace(other):

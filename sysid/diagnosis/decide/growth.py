@@ -8,7 +8,7 @@ from sysid.diagnosis.decide.acceptance import is_accepted, is_significant, tied
 from sysid.diagnosis.decide.allowance import REVISED
 from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
-from sysid.diagnosis.decide.revision import exchanged, freed, pruned, simplified, still_tied
+from sysid.diagnosis.decide.revision import exchanged, freed, pruned, reordered, simplified, still_tied
 from sysid.diagnosis.decide.rungs import rungs_to
 from sysid.diagnosis.decide.trials import POLISHED, Trials
 from sysid.diagnosis.effects.base import Effect
@@ -99,7 +99,8 @@ class Growth:
                 if self.trials.allowance.permits(REVISED):
                     grown = exchanged(self.trials, grown, n_kept)
                 grown = simplified(evidence, pruned(evidence, grown, n_kept), n_kept)
-            grown = evidence.settled(freed(evidence, grown, n_kept))
+            grown = freed(evidence, reordered(evidence, grown, n_kept), n_kept)
+            grown = evidence.settled(grown)
             if evidence.own_criterion(grown) >= evidence.own_criterion(current):
                 break  # what was accepted has been exchanged or left out again
             better = self._better_by_itself(current, grown) if further else None
@@ -155,6 +156,7 @@ class Growth:
             return None
         # The first was fitted without the second: search it again beside it.
         pair = exchanged(self.trials, found[0].fit, len(self.given))
+        pair = reordered(evidence, pair, len(self.given))
         noise, validation = evidence.noise(pair), evidence.held_out_error(pair, WHITE)
         second = replace(found[0], fit=pair, noise=noise, validation=validation)
         return pair if is_accepted(evidence, second, current, baseline, n_before > 0) else None

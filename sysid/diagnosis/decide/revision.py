@@ -1,6 +1,6 @@
 """Effects that were found earlier, seen again beside those found later: exchanged or left out."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,8 +16,12 @@ from sysid.diagnosis.structures.structure import Choice, Effort, StructureFit, f
 
 # How many are tried in the place of one that was accepted before.
 EXCHANGED = 6
+# How many of these are also tried before the effects that were found later.
+LEADING = 3
 # An exchange must lower the criterion by more than the rounding of a search that ends at the same place.
 SAME_CRITERION = 1e-6
+# Ports at which one effect is given what the one before it makes.
+MAPS = ("input", "output")
 
 
 def exchanged(trials: Trials, fit: StructureFit, n_given: int) -> StructureFit:
@@ -37,12 +41,23 @@ def exchanged(trials: Trials, fit: StructureFit, n_given: int) -> StructureFit:
             options.sort(key=lambda effect: -statistics[effect.name])
             found = trials.ranked(without, options[:EXCHANGED], noise)
         limit = evidence.criterion(fit, noise) - SAME_CRITERION
-        best = found[0].fit if found and found[0].criterion < limit else None
+        best = _in_place(evidence, found, noise, position)
+        best = best if best is not None and evidence.criterion(best, noise) < limit else None
         fit = fit if best is None else best
         # What comes to stand in its place was chosen beside the one that is gone: it is next.
         if best is None or not trials.allowance.permits(THIRD):
             position += 1
     return fit
+
+
+def _in_place(evidence: Evidence, found: Sequence[Trial], noise: Noise, position: int) -> StructureFit | None:
+    """Return the best of some trials, the leading ones also before the effects that were found later.
+
+    What takes the place of an effect at one port with these may have to stand where that one stood.
+    """
+    leading = [trial.fit for trial in found[:LEADING] if trial.fit is not None]
+    moved = [reordered(evidence, fit, position) for fit in leading]
+    return min((*moved, *leading), key=lambda fit: evidence.criterion(fit, noise), default=None)
 
 
 def freed(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:
@@ -55,11 +70,36 @@ def freed(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:
         for form in freer_forms(fit.choices[position]):
             choices = list(fit.choices)
             choices[position] = replace(choices[position], form=form)
-            noise = evidence.colour(fit)
-            other = evidence.structure.fit(choices, evidence.rows, noise.polynomial, fit, effort=Effort.REFIT)
-            if other.usable and evidence.criterion(other, noise) < evidence.criterion(fit, noise):
-                fit = other
+            fit = _better_from(evidence, fit, choices, (Effort.REFIT,))
     return fit
+
+
+def reordered(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:
+    """Let an effect act after others at its port where that explains more.
+
+    Which of two maps comes first, a limit or a gain that drifts, has nothing to do with which of them was
+    found first.
+    """
+    for choice in fit.choices[n_given:-1]:
+        others = [other for other in fit.choices if other is not choice]
+        behind = others[fit.choices.index(choice) :]
+        if choice.effect.port in MAPS and any(other.effect.port == choice.effect.port for other in behind):
+            # A limit stands elsewhere after what it was put before: it is also searched anew.
+            fit = _better_from(evidence, fit, (*others, choice), (Effort.REFIT, Effort.COARSE))
+    return fit
+
+
+def _better_from(
+    evidence: Evidence, fit: StructureFit, choices: Sequence[Choice], efforts: Sequence[Effort]
+) -> StructureFit:
+    """Return the best fit of other choices from where a fit stands, or that fit where none is better."""
+    noise, rows = evidence.colour(fit), evidence.rows
+    found = [
+        evidence.structure.fit(choices, rows, noise.polynomial, fit, effort=effort) for effort in efforts
+    ]
+    best = min(found, key=lambda other: evidence.criterion(other, noise) if other.usable else np.inf)
+    limit = evidence.criterion(fit, noise) - SAME_CRITERION
+    return best if best.usable and evidence.criterion(best, noise) < limit else fit
 
 
 def simplified(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:

@@ -39,7 +39,7 @@ from sysid.diagnosis.linear.thresholds import cells_around
 from sysid.diagnosis.structures.exercised import shows
 from sysid.diagnosis.structures.memory import Fits, Memory, key_of
 from sysid.diagnosis.structures.sides import with_forms_of
-from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit, kept_and_new
 from sysid.diagnosis.structures.work import Steps, Work
 from sysid.errors import DataError, UsageError
 from sysid.linear.output_error import fit_output_error
@@ -213,16 +213,16 @@ class LinearStructure:
         if effort is Effort.REFIT:
             places = self.chain(start.choices).places(self.data(start.rows))
             start = with_forms_of(choices, start, places)
-        kept = tuple(c for c in choices if c in start.choices)
-        new = [c for c in choices if c not in start.choices]
+        kept, new = kept_and_new(choices, start, effort)
+        gone = any(c not in choices for c in start.choices)
         if too_many_drives(choices):
             return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status=TOO_MANY)
         data = self.data(rows)
         chain = self.chain(kept, steps)
         point = self._carried(start, chain, data)
-        if not new or kept != start.choices:
+        if not new or gone:
             minimum = self._polished(chain, data, point, noise)
-            if len(kept) < len(start.choices):
+            if gone:
                 # Without the effect that was left out its equation may be another, or not be stable.
                 again = self._polished(chain, data, self._from_baseline(point, rows), noise)
                 if minimum is None or (again is not None and again.cost < minimum.cost):

@@ -41,7 +41,7 @@ from sysid.diagnosis.physics.steps import enough_steps
 from sysid.diagnosis.structures.memory import Fits, key_of
 from sysid.diagnosis.structures.rows import first_rows_of
 from sysid.diagnosis.structures.sides import with_forms_of
-from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit, kept_and_new
 from sysid.diagnosis.structures.work import Work
 from sysid.errors import IdentifiabilityError, ModelError
 from sysid.physics.forced import ForcedPlant
@@ -237,8 +237,8 @@ class PhysicsStructure:
         if effort is Effort.REFIT:
             places = self._problem(start.choices, start.rows, WHITE).effect_places
             start = with_forms_of(choices, start, places)
-        kept = [choice for choice in choices if choice in start.choices]
-        new = [i for i, choice in enumerate(choices) if choice not in start.choices]
+        kept, searched = kept_and_new(choices, start, effort)
+        new = [i for i, choice in enumerate(choices) if choice in searched]
         problem = self._problem(choices, rows, noise, budget)
         budget.fastest = _fastest(problem, start.point)
         before = self._problem(kept, rows, noise, budget)

@@ -170,7 +170,7 @@ class Structure(Protocol):
         noise : ndarray
         start : StructureFit
             Effects of ``choices`` that are in it start where it left them; new ones are searched
-            over their grid.
+            over their grid.  Where none is new all are refitted or, by more effort, the last one is searched.
         effort : Effort
         """
         ...
@@ -196,6 +196,16 @@ class Structure(Protocol):
     def equation(self, fit: StructureFit) -> str:
         """Return the model's equation with its effects, for a reader."""
         ...
+
+
+def kept_and_new(
+    choices: Sequence[Choice], start: StructureFit, effort: Effort
+) -> tuple[tuple[Choice, ...], tuple[Choice, ...]]:
+    """Return which effects begin where a fit left them, and which are searched; see `Structure.fit`."""
+    new = tuple(choice for choice in choices if choice not in start.choices)
+    if not new and effort is not Effort.REFIT:
+        new = tuple(choices[-1:])
+    return tuple(choice for choice in choices if choice not in new), new
 
 
 def filtered(columns: Floats, rows: Mask, noise: Floats) -> Floats:

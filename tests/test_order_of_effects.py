@@ -1,0 +1,65 @@
+"""Two effects at one port: which of them acts first is asked of the record."""
+
+import numpy as np
+import pytest
+
+from sysid.data import Record, make_record
+from sysid.diagnosis.decide.residual_evidence import Evidence
+from sysid.diagnosis.decide.revision import reordered
+from sysid.diagnosis.diagnose import diagnose
+from sysid.diagnosis.effects.catalogue import find_effects
+from sysid.diagnosis.linear.structure import LinearStructure
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit, kept_and_new
+
+
+def _record(*, limited_first: bool) -> Record:
+    """Return a first-order plant behind a gain that falls by half and a limit, in this or the other order."""
+    rng = np.random.default_rng(5)
+    n = 900
+    u = np.convolve(rng.standard_normal(n), np.ones(3) / 3.0**0.5, mode="same")
+    gain = np.where(np.arange(n) < 400, 1.0, 0.5)
+    x = gain * np.clip(u, -1.0, 1.0) if limited_first else np.clip(gain * u, -1.0, 1.0)
+    y = np.zeros(n)
+    for k in range(1, n):
+        y[k] = 0.8 * y[k - 1] + x[k - 1]
+    return make_record(u, y + 0.02 * rng.standard_normal(n), period=0.1)
+
+
+def _fitted(structure: LinearStructure, names: list[str]) -> StructureFit:
+    """Return the fit of two effects in this order, the second one searched beside the first."""
+    forms = {"in_saturation": "symmetric", "time_variation": "step"}
+    choices = [Choice(effect, effect.form(forms[effect.name])) for effect in find_effects(names)]
+    fit = structure.baseline(structure.record.estimation)
+    for count in (1, 2):
+        fit = structure.fit(choices[:count], fit.rows, WHITE, fit, effort=Effort.FINE)
+    return fit
+
+
+@pytest.mark.parametrize("limited_first", [True, False])
+def test_maps_of_the_input_change_places_where_that_explains_more(limited_first: bool) -> None:
+    record = _record(limited_first=limited_first)
+    structure = LinearStructure(record, 1, initial_state="rest")
+    right = ["in_saturation", "time_variation"] if limited_first else ["time_variation", "in_saturation"]
+    wrong = _fitted(structure, right[::-1])
+    evidence = Evidence(structure, record.estimation, record.validation, 0.01)
+    found = reordered(evidence, wrong, 0)
+    assert found.names == tuple(right)
+    assert found.cost < 0.5 * wrong.cost
+    assert reordered(evidence, found, 0) is found
+    assert reordered(evidence, wrong, 1) is wrong  # what is given stays where it is
+
+
+def test_the_order_of_two_effects_is_found() -> None:
+    effects = ["in_saturation", "in_deadzone", "in_preload", "time_variation", "out_saturation", "op_gain"]
+    found = diagnose(_record(limited_first=False), order=1, initial_state="rest", effects=effects)
+    assert set(found.accepted) == {"in_saturation", "time_variation"}
+    assert found.final.fitted.names == ("time_variation", "in_saturation")
+    assert found.final.fitted.parameters_of("in_saturation")[0].value == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_longer_search_of_the_same_effects_searches_the_last_one_anew() -> None:
+    structure = LinearStructure(_record(limited_first=True), 1, initial_state="rest")
+    fit = _fitted(structure, ["in_saturation", "time_variation"])
+    assert kept_and_new(fit.choices, fit, Effort.REFIT) == (fit.choices, ())
+    assert kept_and_new(fit.choices, fit, Effort.COARSE) == (fit.choices[:1], fit.choices[1:])
+    assert kept_and_new((), fit, Effort.COARSE) == ((), ())
