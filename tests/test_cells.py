@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from benchmarks.hidden_effects.outcome import judge
+from benchmarks.hidden_effects.plan import assign
 from sysid.data import make_record
 from sysid.diagnosis.diagnose import structure_of
 from sysid.diagnosis.effects import find_effects
-from sysid.diagnosis.structures.cells import Cells, cells_of, inside_cells
+from sysid.diagnosis.structures.cells import Cells, are_steps, cells_of, inside_cells, place_of_quantiser
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort
 
 
@@ -118,3 +120,33 @@ def test_readings_in_whole_counts_leave_finite_errors_of_what_lies_before_the_qu
         scores += [(pole.value + 0.85) / pole.std_error, (gain.value - 0.3) / gain.std_error]
     # 20 scores of unit variance have a root mean square of 1 within 0.16; it may be said to be too wide.
     assert 0.2 < np.sqrt(np.mean(np.square(scores))) < 1.5
+
+
+def test_steps_show_in_the_readings_alone():
+    rng = np.random.default_rng(11)
+    smooth = lfilter([1.0], [1.0, -0.9], rng.standard_normal(1500))
+    step = 1.2 * smooth.std()
+    rounded = step * np.round(smooth / step)
+    assert are_steps(rounded + 0.1 * step * rng.standard_normal(1500))
+    assert not are_steps(rounded + 0.4 * step * rng.standard_normal(1500))
+    assert not are_steps(smooth)
+    assert not are_steps(np.clip(smooth, -1.0, 1.0))
+    assert not are_steps(np.zeros(9))
+
+
+def test_a_quantiser_is_the_last_of_the_sensor_wherever_it_was_found():
+    quantiser, limit, offset = (
+        Choice(effect, effect.forms[0])
+        for effect in find_effects(["out_quantisation", "in_saturation", "out_offset"])
+    )
+    assert place_of_quantiser([quantiser, limit]) == 0
+    assert place_of_quantiser([limit, offset, quantiser]) == 2
+    assert place_of_quantiser([quantiser, offset]) is None
+    assert place_of_quantiser([]) is None
+
+
+def test_a_quantiser_is_found_behind_an_effect_without_which_the_model_misses_whole_steps(tmp_path):
+    # Of a limit and a switch, which leave as much, the switch is taken, behind which no quantiser explains.
+    outcome = judge(assign(9870, 3, kind="two"), tmp_path)
+    assert outcome["truth"] == ["in_saturation", "out_quantisation"]
+    assert set(outcome["accepted"]) == set(outcome["truth"])

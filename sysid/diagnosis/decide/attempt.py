@@ -1,6 +1,6 @@
 """A search with one choice of the rows that are held out: grow a model, judge it, start otherwise."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from sysid.diagnosis.decide.revision import exchanged, freed, reordered
 from sysid.diagnosis.decide.rungs import rungs_to
 from sysid.diagnosis.decide.trials import Trials
 from sysid.diagnosis.decide.verdict import Judge, explains_most, leaves_a_trace
+from sysid.diagnosis.structures.cells import QUANTISER, are_steps
 from sysid.diagnosis.structures.structure import WHITE, Effort, StructureFit
 
 ZERO = "out_offset"
@@ -60,6 +61,8 @@ class Attempt:
             decision = min(decision, self._from_replaced(decision, given, grown, trial), key=_burden)
         if decision.verdict == "unexplained" and self.growth.max_effects > 1:
             decision = self._otherwise(decision, grown.trials)
+        if self.growth.max_effects > 1 and self._unread(decision):
+            decision = self._otherwise(decision, grown.trials, self._behind_quantiser(grown.trials))
         return self._in_a_loop(decision, given) if decision.verdict == "unexplained" else decision
 
     def _in_a_loop(self, decision: Decision, given: list[StructureFit]) -> Decision:
@@ -126,12 +129,31 @@ class Attempt:
         trials = (trial, *(other for other in grown.trials if other is not trial))
         return self._judged(decision.baseline, Grown(further.fits, trials, ()))
 
-    def _otherwise(self, decision: Decision, trials: tuple[Trial, ...]) -> Decision:
+    def _unread(self, decision: Decision) -> bool:
+        """Tell whether readings stand plainly in steps, and no quantiser was found.
+
+        Behind a quantiser a model that lacks something else misses whole steps, so that it explains the rows
+        less well with than without it: which is no sign that there is none.
+        """
+        record = self.evidence.structure.record
+        asked = any(effect.name == QUANTISER for effect in self.trials.candidates)
+        return asked and QUANTISER not in decision.accepted and are_steps(record.y[record.learning, 0])
+
+    def _behind_quantiser(self, trials: tuple[Trial, ...]) -> Iterator[StructureFit]:
+        """Yield the best pair of a quantiser and one other effect."""
+        fits = [trial.fit for trial in trials if trial.fit is not None and trial.name != QUANTISER]
+        pair = self._best_with(QUANTISER, fits) if fits else None
+        if pair is not None:
+            yield pair
+
+    def _otherwise(
+        self, decision: Decision, trials: tuple[Trial, ...], pairs: Iterable[StructureFit] | None = None
+    ) -> Decision:
         """Start again elsewhere where the leader leads to nothing that explains all.
 
         Alone, a look-alike can explain more than either of two effects that together explain everything.
         """
-        for found in self._pairs(trials):
+        for found in self._pairs(trials) if pairs is None else pairs:
             n_given = len(self.growth.given)
             pair = freed(self.evidence, reordered(self.evidence, found, n_given), n_given)
             if not is_better_held_out(self.evidence, pair, decision.final):

@@ -6,14 +6,17 @@ from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.levenberg import Minimum
 from sysid.diagnosis.linear.rows import Data
-from sysid.diagnosis.structures.cells import QUANTISER, Cells, cells_of, inside_cells
+from sysid.diagnosis.structures.cells import Cells, cells_of, inside_cells, place_of_quantiser
 
 
-def read_cells(chain: Chain, data: Data, point: Floats) -> Cells | None:
-    """Return what the readings say if the last effect, and the last of the sensor, is a quantiser."""
-    if not chain.choices or chain.choices[-1].name != QUANTISER:
+def read_cells(chain: Chain, data: Data, point: Floats) -> tuple[Cells, int] | None:
+    """Return what the readings say, and where the step stands, if a quantiser is the last of the sensor."""
+    quantiser = place_of_quantiser(chain.choices)
+    if quantiser is None:
         return None
-    return cells_of(data.y[data.used], float(point[chain.places(data)[-1].start]))
+    place = chain.places(data)[quantiser].start
+    cells = cells_of(data.y[data.used], float(point[place]))
+    return None if cells is None else (cells, place)
 
 
 def within_cells(chain: Chain, data: Data, minimum: Minimum, noise: Floats) -> Minimum:
@@ -33,10 +36,10 @@ def within_cells(chain: Chain, data: Data, minimum: Minimum, noise: Floats) -> M
     Minimum
         The same where there is no quantiser, or noise hides its steps.
     """
-    cells = read_cells(chain, data, minimum.point)
-    if cells is None:
+    read = read_cells(chain, data, minimum.point)
+    if read is None:
         return minimum
-    place, bounds = chain.places(data)[-1].start, chain.bounds(data)
+    (cells, place), bounds = read, chain.bounds(data)
 
     def output(point: Floats) -> Floats:
         run = chain.run(data, np.clip(point, *bounds))

@@ -76,7 +76,7 @@ def standard_errors(
         return errors, None
     J = chain.slopes(data, point, run, noise).T
     scale = np.linalg.norm(J, axis=0)
-    cells = read_cells(chain, data, point)
+    read = read_cells(chain, data, point)
     used = scale > 0.0  # a relay's threshold moves within its cell without any change
     R = np.linalg.qr(J[:, used] / scale[used], mode="r")
     variance = cost / max(J.shape[0] - point.size, 1)
@@ -85,7 +85,7 @@ def standard_errors(
         covariance = np.full((point.size, point.size), np.nan)
         covariance[np.ix_(used, used)] = variance * inverse @ inverse.T
         errors = np.sqrt(np.diag(covariance))
-        if closely and cells is None:
+        if closely and read is None:
             profile = Profile(chain, data, noise, Minimum(point, cost, True), variance, covariance)
             errors, lower = profile.standard_errors(_own(chain, data)), profile.lower
         errors = errors_over_minima(chain, data, point, noise, cost, variance, errors)
@@ -93,9 +93,10 @@ def standard_errors(
         rows = [slice(0, J.shape[0])]
         told = plain_errors(J[:, used], chain.error(data, run, noise), rows, WHITE)
         errors[used] = np.where(np.isfinite(told), told, np.nan)
-    if cells is not None:
+    if read is not None:
+        cells, place = read
         errors *= cells.widening(point.size, np.sqrt(variance))
-        errors[chain.places(data)[-1].start] = cells.step_error
+        errors[place] = cells.step_error
     return errors, lower
 
 

@@ -7,18 +7,20 @@ import numpy as np
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics.evaluation import finite
 from sysid.diagnosis.physics.problem import Problem
-from sysid.diagnosis.structures.cells import QUANTISER, Cells, cells_of, inside_cells
+from sysid.diagnosis.structures.cells import Cells, cells_of, inside_cells, place_of_quantiser
 from sysid.diagnosis.structures.structure import WHITE
 from sysid.diagnosis.structures.thresholds import is_switched_by_input, middle_of_cell
 from sysid.separable.descent import Minimum, Residual
 
 
-def read_cells(problem: Problem, point: Floats) -> Cells | None:
-    """Return what the readings say if the last effect, and the last of the sensor, is a quantiser."""
-    if not problem.choices or problem.choices[-1].name != QUANTISER:
+def read_cells(problem: Problem, point: Floats) -> tuple[Cells, int] | None:
+    """Return what the readings say, and where the step stands, if a quantiser is the last of the sensor."""
+    quantiser = place_of_quantiser(problem.choices)
+    if quantiser is None:
         return None
-    y = problem.setting.record.y[problem.rows, 0]
-    return cells_of(y, float(point[problem.effect_places[-1].start]))
+    place = problem.effect_places[quantiser].start
+    cells = cells_of(problem.setting.record.y[problem.rows, 0], float(point[place]))
+    return None if cells is None else (cells, place)
 
 
 def within_cells(problem: Problem, end: Minimum[Residual]) -> Minimum[Residual]:
@@ -35,9 +37,10 @@ def within_cells(problem: Problem, end: Minimum[Residual]) -> Minimum[Residual]:
     Minimum
         The same where there is no quantiser, or noise hides its steps.
     """
-    cells = read_cells(problem, end.x)
-    if cells is None:
+    read = read_cells(problem, end.x)
+    if read is None:
         return end
+    cells, place = read
     plain = Problem(
         problem.setting, problem.choices, problem.rows, WHITE, problem.largest, budget=problem.budget
     )
@@ -52,7 +55,7 @@ def within_cells(problem: Problem, end: Minimum[Residual]) -> Minimum[Residual]:
             return finite(plain.jacobian(np.clip(x, *bounds)))
 
     start = end.x.copy()
-    start[problem.effect_places[-1].start] = cells.step
+    start[place] = cells.step
     better = problem.descend_if_finite(inside_cells(cells, output, slopes, start), 1, 0.0)
     return end if better is None or better.cost > end.cost else better
 

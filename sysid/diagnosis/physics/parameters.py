@@ -54,11 +54,12 @@ def standard_errors(problem: Problem, point: Floats, left: Floats = WHITE) -> Fl
     runs = [slice(first, end) for first, end in itertools.pairwise(edges)]
     residual = problem.residual(point)
     errors = plain_errors(J, residual, runs, left)
-    cells = read_cells(problem, point)
-    if cells is not None:
+    read = read_cells(problem, point)
+    if read is not None:
+        cells, place = read
         spread = np.linalg.norm(residual) / np.sqrt(max(residual.size - problem.size, 1))
         errors *= cells.widening(problem.size, float(spread))
-        errors[problem.effect_places[-1].start] = cells.step_error
+        errors[place] = cells.step_error
     errors[_relative_to_a_level(problem, point)] = np.inf
     return np.asarray(errors)
 

@@ -1,11 +1,12 @@
 """Fits behind a quantiser: each reading tells the cell in which the output was, and no more."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.structures.structure import Choice
 
 QUANTISER = "out_quantisation"
 # Readings tell their cells while the noise is below this share of the step.
@@ -20,6 +21,12 @@ NEGLIGIBLE = 1e-6
 LEAST_CURVATURE = 1e-6
 # The sums over so many stretches of rows tell how far noise with a memory can pull the step.
 STRETCHES = 30
+
+# Steps that are looked for in readings: from so few to so many of them in all that was read, each so much
+# smaller than the one before.  The mean on the circle is this far from its centre for noise of 0.19 steps.
+FEWEST, MOST, FINER, PLAINLY = 3.0, 40.0, 1.01, 0.5
+# So many of the readings are neither at the upper nor at the lower end.
+LEAST_BETWEEN = 0.1
 
 Output = Callable[[Floats], Floats]
 
@@ -97,6 +104,46 @@ def cells_of(y: Floats, step: float) -> Cells | None:
     misses = y - step * counts
     noise = float(np.std(misses))
     return Cells(step, counts, noise, _step_error(counts, misses)) if noise < LOUDEST * step else None
+
+
+def are_steps(y: Floats) -> bool:
+    """Tell whether measured values plainly stand at multiples of one step, whatever made them.
+
+    Around a circle as long as the step, values of any other kind spread out evenly, so that their mean is
+    near the centre.  Two ends at which values are held are no steps: those between them must show it.
+
+    Parameters
+    ----------
+    y : ndarray, shape (n_rows,)
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> smooth, noise = rng.standard_normal((2, 500))
+    >>> are_steps(smooth), are_steps(np.round(smooth / 0.8) * 0.8 + 0.1 * noise)
+    (False, True)
+
+    References
+    ----------
+    Mardia & Jupp (2000), Directional Statistics, section 6.3.
+    """
+    low, high = float(np.min(y)), float(np.max(y))
+    if not high > low:
+        return False
+    for step in (high - low) / np.exp(np.arange(np.log(FEWEST), np.log(MOST), np.log(FINER))):
+        between = y[(y > low + 0.5 * step) & (y < high - 0.5 * step)]
+        if (
+            between.size > LEAST_BETWEEN * y.size
+            and abs(np.mean(np.exp(2j * np.pi / step * between))) > PLAINLY
+        ):
+            return True
+    return False
+
+
+def place_of_quantiser(choices: Sequence[Choice]) -> int | None:
+    """Return which effect is a quantiser, if the last one of the sensor is."""
+    sensor = [place for place, choice in enumerate(choices) if choice.effect.port == "output"]
+    return sensor[-1] if sensor and choices[sensor[-1]].name == QUANTISER else None
 
 
 def _step_error(counts: Floats, misses: Floats) -> float:
