@@ -1,6 +1,6 @@
 """Physical models as diagnosis sees them: fitted with effects, by their free run."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -321,9 +321,13 @@ class PhysicsStructure:
         """Return a fit moved to where it is best with steps as fine as the noise asks.
 
         A search can do with coarser ones, but what they do wrong ends in the parameters: of many rows with
-        little noise these are known better than one row is.  Of minima that are as good the one near
-        the start values is taken.
+        little noise these are known better than one row is: it lies next to where a search with coarse ones
+        ended, a few evaluations away.  Of minima that are as good the one near the start values is taken.
         """
+        key = (self._course, "fine", key_of(fit.choices, fit.rows, noise, fit, Effort.REFIT))
+        return self._fits.recalled(key, lambda: self._with_fine_steps(key, fit, noise))
+
+    def _with_fine_steps(self, key: Hashable, fit: StructureFit, noise: Floats) -> StructureFit:
         problem = self._problem(fit.choices, fit.rows, noise)
         point = likelier_from_start_values(problem, fit.point)
         largest = enough_steps(problem, point)
@@ -331,8 +335,7 @@ class PhysicsStructure:
             return fit
         budget = Budget()
         problem = self._problem(fit.choices, fit.rows, noise, budget, largest)
-        end = problem.descend_if_finite(point, EVALUATIONS[Effort.REFIT], TOLERANCES[Effort.REFIT])
-        key = (self._course, "fine", key_of(fit.choices, fit.rows, noise, fit, Effort.REFIT))
+        end = problem.descend_if_finite(point, EVALUATIONS[Effort.COARSE], TOLERANCES[Effort.REFIT])
         self.work.note(key, budget.work)
         return fit if end is None else self._result(problem, within_cells(problem, end), fit.restarts_agree)
 
