@@ -10,7 +10,10 @@ from sysid.cli import main
 from sysid.data import make_record
 from sysid.diagnosis.decide.allowance import Allowance, allowance_of
 from sysid.diagnosis.decide.decision import Decision
+from sysid.diagnosis.decide.growth import Growth
 from sysid.diagnosis.decide.noise_colour import Noise
+from sysid.diagnosis.decide.search import Search
+from sysid.diagnosis.decide.trials import Trials
 from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.linear.structure import LinearStructure
 from sysid.diagnosis.orders import decided_with_order
@@ -204,3 +207,54 @@ def test_a_parameter_beyond_all_numbers_leaves_a_port_without_matrices():
     beyond[0] = 800.0
     assert plant.matrices(plant.start, port) is not None
     assert plant.matrices(beyond, port) is None
+
+
+@pytest.mark.parametrize(("work", "rounds"), [(None, 2), (0.0, 1)])
+def test_a_second_effect_beside_one_that_does_not_hold_is_searched_while_there_is_work(
+    monkeypatch, work, rounds
+):
+    asked = []
+    monkeypatch.setattr(Growth, "_first_accepted", lambda *_: None)
+    monkeypatch.setattr(Trials, "beside", counted(Trials.beside, asked))
+    search = searched(work)
+    search.decide()
+    assert [names for names in asked if len(names) < 2][:rounds] == [(), ("out_offset",)][:rounds]
+    assert len(asked) == rounds or work is None
+    assert search.allowance.ended == (work == 0.0)
+
+
+@pytest.mark.parametrize(("work", "rounds"), [(None, 2), (0.0, 1)])
+def test_what_was_found_beside_a_poor_fit_is_asked_again_while_there_is_work(monkeypatch, work, rounds):
+    asked, poor = [], []
+
+    def better(growth, current, grown):
+        poor.append(current)
+        return current if len(poor) == 1 else None
+
+    monkeypatch.setattr(Growth, "_better_by_itself", better)
+    monkeypatch.setattr(Trials, "beside", counted(Trials.beside, asked))
+    searched(work).decide()
+    assert asked.count(("out_offset",)) == rounds
+
+
+def counted(beside, asked):
+    """Note beside which effects candidates are tried."""
+
+    def noted(trials, current, *further):
+        asked.append(current.names)
+        return beside(trials, current, *further)
+
+    return noted
+
+
+def searched(work):
+    """Return a search for an offset and a square in the reading of a first-order plant."""
+    rng = np.random.default_rng(2)
+    u, y = rng.uniform(-1.0, 1.0, 600), np.zeros(600)
+    for k in range(1, 600):
+        y[k] = 0.8 * y[k - 1] + u[k - 1]
+    y += 1.5 + 0.1 * y**2 + 0.02 * rng.standard_normal(600)
+    structure = LinearStructure(make_record(u, y, period=1.0), 1, initial_state="rest")
+    if work is not None:
+        structure.work = Work(work)
+    return Search(structure, find_effects(["out_offset", "out_quadratic", "out_drift"]))

@@ -8,7 +8,8 @@ from sysid.diagnosis.structures.work import Work, Working
 # Where one effect hides another, few fits beside what leaves least find both, and on a law that takes the
 # place of one of the model's all others build: these may begin up to so many times the work after which no
 # other stage does.  A third effect is searched in the longest round of all, so that it must begin earlier.
-# To look again at the first of a pair is worth most: it was chosen without the second.
+# To look again at the first of a pair is worth most: it was chosen without the second.  So is a second one
+# beside a first that does not hold alone, or another look at what was found beside a poor fit of it.
 PROMISING, THIRD, REVISED = 1.7, 0.7, 2.5
 
 
@@ -16,7 +17,7 @@ PROMISING, THIRD, REVISED = 1.7, 0.7, 2.5
 class Allowance:
     """How far a search may go.
 
-    The first effects and a second one beside each are always searched, by all candidates.  What follows is
+    The first effects and a second one beside what was accepted are always searched.  What follows is
     long where a model lacks what no candidate is, for then all of it is tried in vain.
 
     Attributes

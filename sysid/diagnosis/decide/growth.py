@@ -104,7 +104,7 @@ class Growth:
             if evidence.own_criterion(grown) >= evidence.own_criterion(current):
                 break  # what was accepted has been exchanged or left out again
             better = self._better_by_itself(current, grown) if further else None
-            if better is not None:
+            if better is not None and self.trials.allowance.permits(REVISED):
                 fits[-1] = better  # what was accepted beside a poor fit is asked again
                 continue
             fits = rungs_to(evidence.structure, evidence.rows, grown, baseline, n_given)
@@ -150,6 +150,8 @@ class Growth:
         # Where everything is significant a pair is no more than a detail in two parts.
         no_place = no_place or (evidence.smooth and n_before > len(self.given))
         if best.fit is None or no_place or not is_significant(evidence, best):
+            return None
+        if not self.trials.allowance.permits(REVISED):
             return None
         found = self.trials.beside(best.fit, True)
         if not found or found[0].fit is None:
