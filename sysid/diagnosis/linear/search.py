@@ -1,6 +1,6 @@
 """Search for the parameters of a new effect: grid of its shapes, all else refitted at each point."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -8,8 +8,10 @@ import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.linear.chain import Chain
+from sysid.diagnosis.linear.lengthening import lengthened
 from sysid.diagnosis.linear.levenberg import Minimum, minimise
 from sysid.diagnosis.linear.narrowing import Narrowing
+from sysid.diagnosis.linear.restarts import AGREEMENT
 from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.linear.starts import with_regressed_coefficients
 from sysid.diagnosis.structures.structure import Effort
@@ -85,6 +87,14 @@ class EffectSearch:
 
     def search(self, effort: Effort) -> list[Minimum]:
         """Return minima, best first."""
+        ends = self._ends(effort)
+        if effort is Effort.FINE and self.chain.drives and not agree(ends):
+            again = lengthened(self.chain, self.data, ends[0].point, self.noise, FINE_ITERATIONS)
+            ends = _ranked([*ends, again])
+        return ends
+
+    def _ends(self, effort: Effort) -> list[Minimum]:
+        """Return where the searches from the best starts end, the best first."""
         if not self.grids:
             points = [self.joined(start, ()) for start in self.starts]
             if self.chain.choices[-1].effect.port == "output":
@@ -280,6 +290,11 @@ class EffectSearch:
             return self.data.by_experiment(apply, before, own).tobytes()
 
         return cell
+
+
+def agree(ends: Sequence[Minimum]) -> bool:
+    """Tell whether no other end than the best, first in the list, was found, or another as good."""
+    return len(ends) < 2 or ends[1].cost <= ends[0].cost * (1.0 + AGREEMENT)
 
 
 def _ranked(minima: Iterable[Minimum | None]) -> list[Minimum]:

@@ -25,7 +25,6 @@ from sysid.diagnosis.linear.parameters import (
 from sysid.diagnosis.linear.probes import probe_directions
 from sysid.diagnosis.linear.profile import MOST_ROWS
 from sysid.diagnosis.linear.restarts import (
-    AGREEMENT,
     exchanged_poles,
     from_poles,
     from_within_the_circle,
@@ -33,7 +32,7 @@ from sysid.diagnosis.linear.restarts import (
     with_best,
 )
 from sysid.diagnosis.linear.rows import Data, data_of, for_search, on_record
-from sysid.diagnosis.linear.search import EffectSearch, Grid
+from sysid.diagnosis.linear.search import EffectSearch, Grid, agree
 from sysid.diagnosis.linear.starts import further_starts
 from sysid.diagnosis.linear.thresholds import cells_around
 from sysid.diagnosis.structures.exercised import shows
@@ -292,10 +291,9 @@ class LinearStructure:
         ends = EffectSearch(chain, part, noise, grid.starts, grid.found).search(effort)
         if not ends:
             return None, False
-        agree = len(ends) == 1 or ends[1].cost <= ends[0].cost * (1.0 + AGREEMENT)
         if part is data:
-            return ends[0], agree
-        return self._polished(chain, data, ends[0].point, noise), agree
+            return ends[0], agree(ends)
+        return self._polished(chain, data, ends[0].point, noise), agree(ends)
 
     def _polished(self, chain: Chain, data: Data, point: Floats, noise: Floats) -> Minimum | None:
         """Minimise over all that the output follows smoothly."""

@@ -29,6 +29,7 @@ from sysid.diagnosis.physics.equation import equation_text
 from sysid.diagnosis.physics.free_run import free_run, runs
 from sysid.diagnosis.physics.hold import SMOOTHER, band_limited
 from sysid.diagnosis.physics.laws import SWITCHES, with_level
+from sysid.diagnosis.physics.lengthening import lengthened
 from sysid.diagnosis.physics.offered import has_free_gain, makes_sense
 from sysid.diagnosis.physics.parameters import named_parameters, standard_errors
 from sysid.diagnosis.physics.points import moved
@@ -277,6 +278,8 @@ class PhysicsStructure:
             return _diverged(choices, start)
         if effort is Effort.FINE and is_rugged(search):
             ends.insert(0, scattered(search, ends[0], EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE]))
+        if effort is Effort.FINE and not search.exact and not agree(ends):
+            ends.insert(0, lengthened(search, ends[0], EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE]))
         best, found_twice = ends[0], agree(ends)
         if search is not problem:
             last = EVALUATIONS[Effort.FINE] if effort is Effort.FINE else TRIED
