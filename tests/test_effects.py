@@ -104,6 +104,11 @@ def test_maps_with_memory_against_slow_definitions():
         x += np.clip(u - x, -0.35, 0.35)
         limited.append(x)
     assert np.allclose(mapped("in_rate_limit", "symmetric", [0.7]), limited)
+    limited, x = [], 0.0
+    for u in U:
+        x += np.clip(u - x, -0.2, 0.35)
+        limited.append(x)
+    assert np.allclose(mapped("in_rate_limit", "two-sided from rest", [0.4, 0.7]), limited)
     assert mapped("in_hysteresis", "symmetric", [1.0]).tolist() == [-1, -1, 1, 1, 1, 1, -1, -1, -1]
     assert np.allclose(mapped("out_drift", "linear", [2.0]), U + 2.0 * 0.5 * np.arange(U.size))
 

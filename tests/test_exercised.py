@@ -25,12 +25,12 @@ def held(seed: int, shortest: int, longest: int, n: int = 1000) -> np.ndarray:
     return np.concatenate(levels)[:n]
 
 
-def limited(u: np.ndarray, rate: float) -> np.ndarray:
-    x = np.empty(u.size)
-    x[0] = u[0]
-    for k in range(1, u.size):
-        x[k] = x[k - 1] + np.clip(u[k] - x[k - 1], -rate, rate)
-    return x
+def limited(u: np.ndarray, rate: float, before: float | None = None) -> np.ndarray:
+    x, out = u[0] if before is None else before, []
+    for value in u:
+        x += np.clip(value - x, -rate, rate)
+        out.append(x)
+    return np.array(out)
 
 
 def test_a_jump_at_zero_is_not_offered_to_an_input_of_one_sign() -> None:
@@ -60,3 +60,15 @@ def test_a_limit_of_the_rate_is_found_under_a_staircase(hold: tuple[int, int], r
     values = [p.value for p in found.final.fitted.parameters_of("in_rate_limit")]
     # Ramps of some hundred samples under 2 % of noise: within a few per cent.
     assert values == pytest.approx([rate / record.period] * len(values), rel=0.05)
+
+
+@pytest.mark.parametrize("before", [None, 0.0])
+def test_an_actuator_may_start_at_rest_or_at_its_first_command(before: float | None) -> None:
+    # Some thirty rows to the first command, which the plant remembers for as many.
+    u = 1.0 + held(5, 3, 12)
+    record = first_order(limited(u, 0.04, before), 1)
+    record = make_record(u, record.y[:, 0], period=record.period, split=record.split)
+    found = diagnose(record, order=1, initial_state="rest", effects=["in_rate_limit", "out_lowpass"])
+    assert found.accepted == ("in_rate_limit",)
+    for parameter in found.final.fitted.parameters_of("in_rate_limit"):
+        assert abs(parameter.value - 0.4) < 3.0 * parameter.std_error < 0.02

@@ -63,15 +63,17 @@ def _relay_two_sided(u: Floats, p: Floats, period: float) -> Floats:
 
 
 def _rate_limit(u: Floats, p: Floats, period: float) -> Floats:
+    """Limit the rate down, ``p[0]``, and up, ``p[-1]``, of an actuator that has reached the first value."""
     from sysid.diagnosis.effects.maps import rate_limit
 
-    return np.asarray(rate_limit(u, p[0] * period, p[0] * period))
+    return np.asarray(rate_limit(u, p[0] * period, p[-1] * period, u[0] if u.size else 0.0))
 
 
-def _rate_limit_two_sided(u: Floats, p: Floats, period: float) -> Floats:
+def _rate_limit_from_rest(u: Floats, p: Floats, period: float) -> Floats:
+    """Limit the rate of an actuator that was at zero before the start."""
     from sysid.diagnosis.effects.maps import rate_limit
 
-    return np.asarray(rate_limit(u, p[0] * period, p[1] * period))
+    return np.asarray(rate_limit(u, p[0] * period, p[-1] * period, 0.0))
 
 
 def delayed(u: Floats, p: Floats, period: float) -> Floats:
@@ -130,6 +132,9 @@ RISES = Grid("input rise", (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9))
 def _rise(name: str, side: str) -> EffectParameter:
     return EffectParameter(name, "[u]/s", f"largest rate{side}", RISES, minimum=0.0)
 
+
+ONE_RATE = (_rise("rate", ""),)
+TWO_RATES = (_rise("rate_falling", ", falling"), _rise("rate_rising", ", rising"))
 
 EFFECTS = (
     Effect(
@@ -218,17 +223,15 @@ EFFECTS = (
         "in_rate_limit",
         "input",
         "The actuator can move only so fast: a valve motor, a hydraulic flow limit.",
-        "x follows u by at most rate in a second",
+        "x follows u by at most rate in a second, from its first value or from zero",
         "large steps become ramps; fast large inputs are followed late, slow ones exactly",
         "in_saturation limits the size; in_delay lags small inputs too",
         "Hippe (2006), Windup in Control",
         (
-            Form("symmetric", (_rise("rate", ""),), _rate_limit),
-            Form(
-                "two-sided",
-                (_rise("rate_falling", ", falling"), _rise("rate_rising", ", rising")),
-                _rate_limit_two_sided,
-            ),
+            Form("symmetric", ONE_RATE, _rate_limit),
+            Form("symmetric from rest", ONE_RATE, _rate_limit_from_rest),
+            Form("two-sided", TWO_RATES, _rate_limit),
+            Form("two-sided from rest", TWO_RATES, _rate_limit_from_rest),
         ),
     ),
     Effect(

@@ -71,10 +71,10 @@ def hysteresis_relay(u: Floats, lower: float, upper: float, before: float) -> Fl
 
 
 @compiled
-def rate_limit(u: Floats, fall: float, rise: float) -> Floats:
-    """Follow the input by at most so much a sample, from its first value."""
+def rate_limit(u: Floats, fall: float, rise: float, before: float) -> Floats:
+    """Follow the input by at most so much a sample, from where it was ``before`` the start."""
     x = np.empty_like(u)
-    output = u[0] if u.size else 0.0
+    output = before
     for k in range(u.size):
         output += min(max(u[k] - output, -fall), rise)
         x[k] = output

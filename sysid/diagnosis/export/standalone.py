@@ -20,8 +20,10 @@ _MAPS = {
     ("in_backlash", "two-sided"): "play(s, p[0], p[1])",
     ("in_delay", "delay"): "delay(s, p[0] / T, 0.0)",
     ("in_delay", "delay in motion"): "delay(s, p[0] / T, s[0])",
-    ("in_rate_limit", "symmetric"): "rate_limit(s, p[0] * T, p[0] * T)",
-    ("in_rate_limit", "two-sided"): "rate_limit(s, p[0] * T, p[1] * T)",
+    ("in_rate_limit", "symmetric"): "rate_limit(s, p[0] * T, p[0] * T, s[0])",
+    ("in_rate_limit", "symmetric from rest"): "rate_limit(s, p[0] * T, p[0] * T, 0.0)",
+    ("in_rate_limit", "two-sided"): "rate_limit(s, p[0] * T, p[1] * T, s[0])",
+    ("in_rate_limit", "two-sided from rest"): "rate_limit(s, p[0] * T, p[1] * T, 0.0)",
     ("in_hysteresis", "symmetric"): "hysteresis(s, p[0], p[0])",
     ("in_hysteresis", "two-sided"): "hysteresis(s, p[0], p[1])",
     ("in_hysteresis", "left as it was"): "hysteresis(s, p[0], p[1], p[2])",
@@ -57,8 +59,8 @@ _HELPERS = {
     padded = np.concatenate([np.full(whole + 1, before), s])
     return (1.0 - part) * padded[1 : s.size + 1] + part * padded[: s.size]
 """,
-    "rate_limit": """def rate_limit(s, fall, rise):
-    x, out = s[0], []
+    "rate_limit": """def rate_limit(s, fall, rise, x):
+    out = []
     for value in s:
         x += min(max(value - x, -fall), rise)
         out.append(x)
