@@ -315,13 +315,14 @@ def test_effects_are_offered_where_they_make_sense():
     names = [effect.name for effect in motor.offered(effects)]
     assert {"coulomb", "stribeck", "in_relay", "coloured_noise"} < set(names)
     assert not {"sqrt_outflow", "overflow"} & set(names)
-    # With L and R known J, b and K still scale the speed, so the relay's level is theirs; with K known not.
-    relay = next(e for e in motor.offered(effects) if e.name == "in_relay")
-    assert relay.forms[0].parameters[-1].name == "threshold"
-    known = motor.model.with_parameters(fixed={"K": 1.0})
-    offered = PhysicsStructure(motor.record, known, "rest").offered(effects)
-    relay = next(e for e in offered if e.name == "in_relay")
-    assert relay.forms[0].parameters[-1].name == "level"
+    # With L and R known J, b and K scale the speed by any factor, so the level of the relay is theirs; with K
+    # known not, nor with values that are known to within a factor.
+    free = load_model("dc-motor").with_parameters(fixed={"L": 0.1, "R": 1.2})
+    models = (free, free.with_parameters(fixed={"K": 1.0}), motor.model)
+    for model, last in zip(models, ("threshold", "level", "level"), strict=True):
+        offered = PhysicsStructure(motor.record, model, "rest").offered(effects)
+        relay = next(e for e in offered if e.name == "in_relay")
+        assert relay.forms[0].parameters[-1].name == last
     names = [effect.name for effect in tanks.offered(effects)]
     assert {"sqrt_outflow", "overflow"} < set(names)
     assert not {"coulomb", "cubic_stiffness"} & set(names)
@@ -564,3 +565,13 @@ def test_a_search_that_strays_to_a_plant_faster_than_any_step_goes_on():
     fast = PhysicsStructure(found.record, model.with_parameters(start={"J": 1e-8}), "rest")
     with pytest.raises(ModelError, match="too fast for the sampling period"):
         fast.baseline(np.ones(u.size, dtype=bool))
+
+
+def test_a_switch_has_a_level_of_its_own_beside_values_that_are_about_known():
+    """As a part of the gain of the model its level would be beyond what values known within some 20 % allow."""
+    model, noise = structure("mass-spring-damper", "in_hysteresis", {"level": 30.0, "threshold": 0.5}, seed=4)
+    (effect,) = model.offered(find_effects(["in_hysteresis"]))
+    rows = model.record.learning
+    picked = Choice(effect, effect.forms[0])
+    fit = model.fit([picked], rows, WHITE, model.baseline(rows), effort=Effort.FINE)
+    assert fit.cost < 1.1 * rows.sum() * noise

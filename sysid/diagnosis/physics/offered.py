@@ -16,7 +16,12 @@ GAIN_ROWS, SAME_DIRECTION = 1_000, 1e-4
 
 
 def has_free_gain(setting: Setting) -> bool:
-    """Tell whether a change of the model's parameters can scale its output."""
+    """Tell whether a change of the model's parameters can scale its output by any factor.
+
+    Values that were given are known to within a factor: they do not make up for the level of a switch.
+    """
+    if any(parameter.status == "uncertain" for parameter in setting.searched):
+        return False
     rows = first_rows_of(setting.record.learning, GAIN_ROWS)
     problem = Problem(setting, (), rows, WHITE, COARSE_STEP, free_start=False)
     point = setting.nominal
