@@ -7,7 +7,7 @@ import numpy as np
 from sysid.diagnosis.decide.alignment import chance_at_other_times
 from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.evidence import TIED, block_separation, chance_of, told_apart
-from sysid.diagnosis.decide.modes import swings
+from sysid.diagnosis.decide.modes import settles, swings
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, SEEN_P_VALUE, Evidence
 from sysid.diagnosis.effects.base import Floats
@@ -50,7 +50,9 @@ def is_accepted(
         and chance_under_own_noise(evidence, trial, current) < evidence.alpha
     )
     longest = evidence.structure.record.longest
-    if not agreed or not swings(trial.fit, longest) or rests_on_few_rows(evidence, trial, current):
+    if not agreed or not (swings(trial.fit, longest) and settles(trial.fit, longest)):
+        return False
+    if rests_on_few_rows(evidence, trial, current):
         return False
     if not _holds(evidence, trial, current):
         # What shows in the first rows alone, as the start of a play does, held-out rows cannot tell.

@@ -6,7 +6,7 @@ import numpy as np
 
 from sysid.diagnosis.structures.structure import StructureFit
 
-MODE = "extra_mode"
+MODE, LAG = "extra_mode", "out_lowpass"
 # A mode of more damping has no peak to speak of in its response.
 LIGHTLY = 0.4
 # Logarithms of poles that differ by this share of their size are at one place.
@@ -37,6 +37,19 @@ def swings(fit: StructureFit, seconds: float) -> bool:
     """
     frequency = next((p.value for p in fit.parameters_of(MODE) if p.name == "frequency"), np.inf)
     return bool(frequency * seconds >= 2.0 * np.pi)
+
+
+def settles(fit: StructureFit, seconds: float) -> bool:
+    """Tell whether a slow sensor, if there is one, comes to rest within a time.
+
+    One that does not adds up what it is given: with a zero of the sensor it makes a drift.
+
+    Parameters
+    ----------
+    fit : StructureFit
+    seconds : float
+    """
+    return all(p.value < seconds for p in fit.parameters_of(LAG) if p.name == "time_constant")
 
 
 def is_the_plant_again(fit: StructureFit, period: float) -> bool:

@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
 from sysid.diagnosis.decide.innovations import foreseen
-from sysid.diagnosis.decide.modes import MODE, is_the_plant_again, rings
+from sysid.diagnosis.decide.modes import MODE, is_the_plant_again, rings, settles, swings
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, Evidence
 from sysid.diagnosis.structures.structure import WHITE, Effort, StructureFit, with_fine_steps
 from sysid.diagnosis.structures.thresholds import is_switched_by_input
@@ -83,9 +84,7 @@ class Judge:
         rows = evidence.structure.record.learning
         chance, share = self._something_left(bool(fits), composed, coloured)
         left_p, left_share, floor = evidence.left(baseline, self._with_thresholds(final, rows), rows)
-        period = evidence.structure.record.period
-        stands_in = composed and not evidence.smooth and MODE in final.names
-        stands_in = stands_in and (not rings(final) or is_the_plant_again(final, period))
+        stands_in = not evidence.smooth and _stands_in(evidence.structure.record, final, composed, coloured)
         if fed_back:
             left_p, left_share, floor = 1.0, 0.0, float(np.sqrt(np.mean(evidence.residual(final)[rows] ** 2)))
         lost = bool(fits) and self._lost(baseline, final)
@@ -153,6 +152,21 @@ class Judge:
         plain = evidence.structure.fit(fits[-1].choices, evidence.rows, WHITE, fits[-1], effort=Effort.REFIT)
         remains = not plain.usable or evidence.noise_accepted(plain, evidence.noise(plain))
         return fits if remains else [*fits[:-1], plain]
+
+
+def _stands_in(record: Record, final: StructureFit, composed: bool, coloured: bool) -> bool:
+    """Tell whether an added mode or a slow sensor is but a path that takes up what nobody listed.
+
+    A mode that does not ring may be a slow path of the plant; beside another effect, or beside noise that has
+    a memory, it is more likely to follow what these leave.
+    """
+    if not (swings(final, record.longest) and settles(final, record.longest)):
+        return True
+    if MODE not in final.names:
+        return False
+    return ((composed or coloured) and not rings(final)) or (
+        composed and is_the_plant_again(final, record.period)
+    )
 
 
 def explains_most(left_share: float) -> bool:

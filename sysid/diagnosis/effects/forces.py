@@ -11,6 +11,9 @@ SIGMA = EffectParameter(
     "sigma", "[F]/[x]", "stiffness of the contact", Grid("plain", (1.0, 10.0, 100.0)), minimum=0.0
 )
 FC = EffectParameter("Fc", "[F]", "force at which it slips", Grid("plain", (0.1, 1.0)), minimum=0.0)
+# What both branches of a loop share, relative to what opens it: beyond this there is no loop to speak of, and
+# the law is that of an elastic spring of some shape.  The benchmark of Noël & Schoukens (2016) has -1.4.
+MOST_SHARED = 3.0
 
 
 def _power(name: str, tank: str) -> EffectParameter:
@@ -98,7 +101,13 @@ EFFECTS = (
                 (
                     SIGMA,
                     FC,
-                    EffectParameter("g", "1", "softening (stiffening below 0) on both branches of the loop"),
+                    EffectParameter(
+                        "g",
+                        "1",
+                        "softening (stiffening below 0) on both branches of the loop",
+                        minimum=-MOST_SHARED,
+                        maximum=MOST_SHARED,
+                    ),
                 ),
                 expression="z",
                 state="sigma*v*(1 - z/Fc*sign(v) - g*abs(z)/Fc)",

@@ -1,0 +1,61 @@
+"""Effects that stand in for what nobody listed: at an end of their parameters where they are no longer it."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import sysid
+from sysid.data import make_record
+
+N = 1000
+
+
+def test_a_spring_that_stiffens_is_no_hysteresis_that_lost_its_loop():
+    """A loop in which next to all is shared by both branches follows any spring."""
+    rng = np.random.default_rng(4)
+    period, m, c, k = 0.05, 1.0, 0.6, 30.0
+    u, y, x, v = np.repeat(rng.standard_normal(N // 2), 2) * 12.0, [], 0.0, 0.0
+    for held in u:
+        y.append(x)
+        for _ in range(50):  # steps of a millisecond
+            v += 0.001 * (held - c * v - k * x - 30.0 * x * abs(x)) / m
+            x += 0.001 * v
+    noise = 0.1 * np.std(y) * rng.standard_normal(N)
+    found = sysid.diagnose(
+        make_record(u, np.array(y) + noise, period=period),
+        "mass-spring-damper",
+        initial_state="rest",
+        start={"c": 0.65, "k": 32.0},
+        fixed={"m": m},
+        effects=["hysteresis_force"],
+        max_effects=1,
+    )
+    assert found.verdict == "unexplained"
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_drift_is_no_slow_sensor_with_a_wrong_zero(seed):
+    """A sensor that takes longer than the record adds up its zero to a drift."""
+    rng = np.random.default_rng(seed)
+    u = lfilter([0.3], [1.0, -0.7], rng.standard_normal(N))
+    y = lfilter([0.0, 0.5, 0.2], [1.0, -1.2, 0.5], u)
+    size = np.std(y)
+    y = y - size * np.arange(N) / N + 0.126 * size * rng.standard_normal(N)
+    found = sysid.diagnose(
+        make_record(u, y, period=0.01),
+        order=2,
+        initial_state="rest",
+        effects=["out_offset", "out_lowpass"],
+    )
+    assert found.verdict == "unexplained"
+
+
+@pytest.mark.parametrize(("seconds", "rests"), [(9.0, True), (11.0, False)])
+def test_a_sensor_that_is_slower_than_the_record_is_long_does_not_settle(seconds, rests):
+    from sysid.diagnosis.decide.modes import settles
+
+    lag = [SimpleNamespace(name="time_constant", value=seconds)]
+    fit = SimpleNamespace(parameters_of=lambda name: lag if name == "out_lowpass" else [])
+    assert settles(fit, 10.0) is rests
