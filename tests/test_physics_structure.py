@@ -568,7 +568,7 @@ def test_a_search_that_strays_to_a_plant_faster_than_any_step_goes_on():
 
 
 def test_a_switch_has_a_level_of_its_own_beside_values_that_are_about_known():
-    """As a part of the gain of the model its level would be beyond what values known within some 20 % allow."""
+    """In the gain of the model its level would be beyond what values known within some 20 % allow."""
     model, noise = structure("mass-spring-damper", "in_hysteresis", {"level": 30.0, "threshold": 0.5}, seed=4)
     (effect,) = model.offered(find_effects(["in_hysteresis"]))
     rows = model.record.learning
