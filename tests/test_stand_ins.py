@@ -59,3 +59,53 @@ def test_a_sensor_that_is_slower_than_the_record_is_long_does_not_settle(seconds
     lag = [SimpleNamespace(name="time_constant", value=seconds)]
     fit = SimpleNamespace(parameters_of=lambda name: lag if name == "out_lowpass" else [])
     assert settles(fit, 10.0) is rests
+
+
+def first_order(v, seed, size=0.02):
+    y = lfilter([0.0, 0.4], [1.0, -0.8], v)
+    return y + size * np.std(y) * np.random.default_rng(seed).standard_normal(N)
+
+
+@pytest.mark.parametrize("threshold", [0.0, 0.5])
+def test_a_limit_below_all_that_comes_in_is_a_relay_that_nobody_listed(threshold):
+    u = np.random.default_rng(3).standard_normal(N)
+    y = first_order(np.sign(u) * (np.abs(u) > threshold), 1)
+    effects = ["in_saturation", "in_deadzone", "in_preload", "in_relay"]
+    record = make_record(u, y, period=1.0)
+    found = sysid.diagnose(record, order=1, initial_state="rest", effects=effects)
+    assert found.accepted == ("in_relay",)
+    found = sysid.diagnose(record, order=1, initial_state="rest", effects=effects[:3])
+    assert found.verdict == "unexplained"
+
+
+@pytest.mark.parametrize(
+    ("name", "law"),
+    [
+        ("in_saturation", lambda u: np.clip(u, -0.3, 0.3)),
+        ("in_deadzone", lambda u: u - np.clip(u, -2.0, 2.0)),
+        ("in_preload", lambda u: u + 3.0 * np.sign(u)),
+    ],
+)
+def test_strong_maps_of_the_input_are_themselves(name, law):
+    u = np.random.default_rng(3).standard_normal(N)
+    record = make_record(u, first_order(law(u), 1), period=1.0)
+    found = sysid.diagnose(record, order=1, initial_state="rest", effects=[name])
+    assert found.accepted == (name,)
+    assert found.verdict == "missing-effect"
+
+
+@pytest.mark.parametrize(
+    ("gain", "verdict"),
+    [(lambda y: 1.0 + 0.3 * y, "unexplained"), (lambda y: 1.0 + 0.97 * np.tanh(y), "missing-effect")],
+    ids=["in proportion", "with a bend"],
+)
+def test_a_gain_in_proportion_to_the_output_is_not_the_bounded_one(gain, verdict):
+    rng = np.random.default_rng(2)
+    u, y = rng.uniform(-1.0, 1.0, N), np.zeros(N)
+    for k in range(1, N):
+        y[k] = 0.85 * y[k - 1] + 0.8 * u[k - 1] * gain(y[k - 1])
+    y += 0.005 * np.std(y) * rng.standard_normal(N)
+    found = sysid.diagnose(
+        make_record(u, y, period=1.0), order=1, initial_state="rest", effects=["op_gain", "in_saturation"]
+    )
+    assert found.verdict == verdict

@@ -74,6 +74,8 @@ class Decision:
         Whether what goes with the input of the same row was put down to a controller, not to the plant.
     cut_short : bool
         Whether the search ended before all its stages were tried.
+    stands_in : bool
+        Whether what came closest is, where it ended, something else than its name says.
     """
 
     verdict: str
@@ -90,6 +92,7 @@ class Decision:
     given: tuple[str, ...] = ()
     fed_back: bool = False
     cut_short: bool = False
+    stands_in: bool = False
 
     @property
     def final(self) -> StructureFit:

@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
 from sysid.diagnosis.decide.innovations import foreseen
-from sysid.diagnosis.decide.modes import MODE, is_the_plant_again, rings, settles, swings
+from sysid.diagnosis.decide.modes import MODE
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, Evidence
+from sysid.diagnosis.decide.stand_ins import stand_in
 from sysid.diagnosis.structures.structure import WHITE, Effort, StructureFit, with_fine_steps
 from sysid.diagnosis.structures.thresholds import is_switched_by_input
 
@@ -84,7 +84,7 @@ class Judge:
         rows = evidence.structure.record.learning
         chance, share = self._something_left(bool(fits), composed, coloured)
         left_p, left_share, floor = evidence.left(baseline, self._with_thresholds(final, rows), rows)
-        stands_in = not evidence.smooth and _stands_in(evidence.structure.record, final, composed, coloured)
+        stands_in = bool(fits) and not evidence.smooth and stand_in(evidence, final, composed, coloured)
         if fed_back:
             left_p, left_share, floor = 1.0, 0.0, float(np.sqrt(np.mean(evidence.residual(final)[rows] ** 2)))
         lost = bool(fits) and self._lost(baseline, final)
@@ -93,7 +93,7 @@ class Judge:
             rungs = tuple(fits if useful else fits[: len(self.given)])
             return Decision(
                 "unexplained", baseline, rungs, tuple(accepted) if useful else self.given, trials, (), noise,
-                left_p, left_share, floor, tuple(accepted), self.given,
+                left_p, left_share, floor, tuple(accepted), self.given, stands_in=stands_in,
             )  # fmt: skip
         if not fits and coloured:
             told = foreseen(evidence.structure.record, rows, evidence.residual(final), noise.polynomial)
@@ -154,21 +154,6 @@ class Judge:
         return fits if remains else [*fits[:-1], plain]
 
 
-def _stands_in(record: Record, final: StructureFit, composed: bool, coloured: bool) -> bool:
-    """Tell whether an added mode or a slow sensor is but a path that takes up what nobody listed.
-
-    A mode that does not ring may be a slow path of the plant; beside another effect, or beside noise that has
-    a memory, it is more likely to follow what these leave.
-    """
-    if not (swings(final, record.longest) and settles(final, record.longest)):
-        return True
-    if MODE not in final.names:
-        return False
-    return ((composed or coloured) and not rings(final)) or (
-        composed and is_the_plant_again(final, record.period)
-    )
-
-
 def explains_most(left_share: float) -> bool:
     """Tell whether effects that leave this share of the explainable are worth keeping."""
     return left_share <= 1.0 - LEAST_EXPLAINED
@@ -182,7 +167,7 @@ def with_a_detail_left(decision: Decision) -> Decision:
     share out among them.  Where the cause has a memory no curve does; then a mode among the effects gives it
     away, for in parallel it takes up what any memory does.
     """
-    if MODE in decision.final.names or decision.left_share > DETAIL_SHARE:
+    if decision.stands_in or MODE in decision.final.names or decision.left_share > DETAIL_SHARE:
         return decision
     return replace(decision, verdict="missing-effect", rejected=())
 
