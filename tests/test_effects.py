@@ -113,6 +113,21 @@ def test_maps_with_memory_against_slow_definitions():
     assert np.allclose(mapped("out_drift", "linear", [2.0]), U + 2.0 * 0.5 * np.arange(U.size))
 
 
+def test_a_lag_follows_what_is_straight_between_samples_exactly():
+    fine, period, lag = 4000, 0.5, 0.8
+    t = np.arange((U.size - 1) * fine + 1) / fine * period
+    w = np.interp(t, period * np.arange(U.size), U)
+    for form, state in (("straight between samples", 0.0), ("straight between samples in motion", U[0])):
+        # What stood at zero before reaches the first row along a straight line.
+        x = state or U[0] * (1.0 - (1.0 - np.exp(-period / lag)) * lag / period)
+        slow = np.empty_like(w)
+        for k, value in enumerate(w):
+            if k:
+                x += (0.5 * (value + w[k - 1]) - x) * (1.0 - np.exp(-period / fine / lag))
+            slow[k] = x
+        assert np.allclose(mapped("out_lowpass", form, [lag]), slow[::fine], atol=1e-6)
+
+
 def test_a_mode_is_the_discretised_oscillator():
     from scipy.signal import lfilter
 

@@ -254,6 +254,8 @@ CASES = [
     ("in_backlash", "symmetric", [0.3]),
     ("in_delay", "delay", [1.3]),
     ("in_rate_limit", "symmetric", [0.5]),
+    ("in_rate_limit", "symmetric from rest", [0.5]),
+    ("out_lowpass", "straight between samples", [1.7]),
     ("out_saturation", "symmetric", [0.3]),
     ("out_quantisation", "round", [0.4]),
     ("quad_drag", "drag", [3.0]),

@@ -104,6 +104,23 @@ def low_pass(y: Floats, pole: float, state: float) -> Floats:
 
 
 @compiled
+def low_pass_straight(y: Floats, ratio: float, state: float) -> Floats:
+    """Follow a sequence that is straight between samples with a lag, from a state at which it stood.
+
+    ``ratio`` is the sampling period over the time constant; exact (first-order hold).
+    """
+    x = np.empty_like(y)
+    pole = np.exp(-ratio)
+    past = (1.0 - pole) / ratio - pole
+    before = state
+    for k in range(y.size):
+        state = pole * state + past * before + (1.0 - pole - past) * y[k]
+        before = y[k]
+        x[k] = state
+    return x
+
+
+@compiled
 def second_order(u: Floats, radius: float, angle: float, first: float, second: float) -> Floats:
     """Filter by (first q^-1 + second q^-2) / (1 - 2 r cos(angle) q^-1 + r^2 q^-2), from rest."""
     x = np.zeros_like(u)

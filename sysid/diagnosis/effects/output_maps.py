@@ -53,6 +53,18 @@ def _low_pass_in_motion(y: Floats, p: Floats, period: float) -> Floats:
     return np.asarray(low_pass(y, np.exp(-period / max(p[0], 1e-3 * period)), y[0]))
 
 
+def _low_pass_straight(y: Floats, p: Floats, period: float) -> Floats:
+    from sysid.diagnosis.effects.maps import low_pass_straight
+
+    return np.asarray(low_pass_straight(y, period / max(p[0], 1e-3 * period), 0.0))
+
+
+def _low_pass_straight_in_motion(y: Floats, p: Floats, period: float) -> Floats:
+    from sysid.diagnosis.effects.maps import low_pass_straight
+
+    return np.asarray(low_pass_straight(y, period / max(p[0], 1e-3 * period), y[0]))
+
+
 LAG = EffectParameter(
     "time_constant",
     "s",
@@ -164,13 +176,21 @@ EFFECTS = (
         "out_lowpass",
         "output",
         "The sensor is slow or filtered: a thermowell, an anti-aliasing filter.",
-        "time_constant dy/dt = w - y",
+        "time_constant dy/dt = w - y, where w is held or straight between samples",
         "the residual grows with frequency, the output comes late and smaller",
         "out_delay comes late at full size; extra_mode rings",
         SENSORS,
         (
             Form("first order", (LAG,), _low_pass, slope="linear"),
             Form("first order in motion", (LAG,), _low_pass_in_motion, slope="linear", in_motion=True),
+            Form("straight between samples", (LAG,), _low_pass_straight, slope="linear"),
+            Form(
+                "straight between samples in motion",
+                (LAG,),
+                _low_pass_straight_in_motion,
+                slope="linear",
+                in_motion=True,
+            ),
         ),
     ),
 )

@@ -41,6 +41,8 @@ _MAPS = {
     ("out_delay", "delay in motion"): "delay(s, p[0] / T, s[0])",
     ("out_lowpass", "first order"): "low_pass(s, np.exp(-T / p[0]), 0.0)",
     ("out_lowpass", "first order in motion"): "low_pass(s, np.exp(-T / p[0]), s[0])",
+    ("out_lowpass", "straight between samples"): "low_pass_straight(s, T / p[0], 0.0)",
+    ("out_lowpass", "straight between samples in motion"): "low_pass_straight(s, T / p[0], s[0])",
     ("feedthrough", "direct"): "p[0] * s",
     ("extra_mode", "second order"): "mode(s, p, T)",
 }
@@ -77,6 +79,15 @@ _HELPERS = {
     out = []
     for value in s:
         x = pole * x + (1.0 - pole) * value
+        out.append(x)
+    return np.array(out)
+""",
+    "low_pass_straight": """def low_pass_straight(s, ratio, x):
+    pole, before, out = np.exp(-ratio), x, []
+    past = (1.0 - pole) / ratio - pole
+    for value in s:
+        x = pole * x + past * before + (1.0 - pole - past) * value
+        before = value
         out.append(x)
     return np.array(out)
 """,
