@@ -21,7 +21,9 @@ MOST_NAMED = 4
 
 def advise(structure: Structure, decision: Decision, accepted: Sequence[str]) -> str:
     """Return advice that fits the verdict."""
-    return _by_verdict(structure, decision, accepted) + (CUT_SHORT if decision.cut_short else "")
+    return _by_verdict(structure, decision, accepted) + (
+        CUT_SHORT if decision.cut_short and not decision.fed_back else ""
+    )
 
 
 def _by_verdict(structure: Structure, decision: Decision, accepted: Sequence[str]) -> str:

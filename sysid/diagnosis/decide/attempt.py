@@ -54,7 +54,7 @@ class Attempt:
             return Decision("not-identifiable", baseline, (), (), (), (), noise, 1.0, 0.0, unknown)
         given = self.growth.given_fits(baseline)
         grown = self.growth.grown(baseline, given, len(given))
-        decision = self._judged(baseline, grown)
+        decision = self._in_a_loop(self._judged(baseline, grown), given, grown.fits)
         for trial in self._replacing(decision):
             if not self.trials.allowance.permits(PROMISING):
                 break
@@ -63,11 +63,16 @@ class Attempt:
             decision = self._otherwise(decision, grown.trials)
         if self.growth.max_effects > 1 and self._unread(decision):
             decision = self._otherwise(decision, grown.trials, self._behind_quantiser(grown.trials))
-        return self._in_a_loop(decision, given) if decision.verdict == "unexplained" else decision
+        return self._in_a_loop(decision, given, decision.fits)
 
-    def _in_a_loop(self, decision: Decision, given: list[StructureFit]) -> Decision:
-        """Judge what nothing explains once more: a controller may have put it into the input."""
-        for fits in (given, list(decision.fits)):
+    def _in_a_loop(self, decision: Decision, *found: Sequence[StructureFit]) -> Decision:
+        """Judge what nothing explains once more: a controller may have put it into the input.
+
+        Before more is tried, for two effects that answer at once can follow a noise that the input goes with.
+        """
+        if decision.verdict != "unexplained":
+            return decision
+        for fits in found:
             final = fits[-1] if fits else decision.baseline
             if self.evidence.only_at_once(final):
                 return self.judge.verdict(decision.baseline, fits, decision.trials, (), fed_back=True)

@@ -134,12 +134,15 @@ class Evidence:
         noise, residual = self.noise(fit).polynomial, self.residual(fit)
         tangent = structure.tangent(fit)
 
-        def chance(probes: Floats) -> float:
-            parts = (filtered(part, rows, noise) for part in (residual, tangent, probes))
+        def chance(probes: Floats, known: Floats = tangent) -> float:
+            parts = (filtered(part, rows, noise) for part in (residual, known, probes))
             return remainder(*parts).p_value
 
         earlier = structure.earlier_probes(fit)
-        if not chance(earlier) > LEFT_P_VALUE > chance(structure.probes(fit)):
+        # Of a smooth input next to all that moves in a row is known from earlier ones: the rest shows the loop.
+        news = chance(structure.record.u, np.hstack([tangent, earlier]))
+        at_once = min(news, chance(structure.probes(fit)))
+        if not chance(earlier) > LEFT_P_VALUE > at_once:
             return False
         # An autoregression foresees any motion of few frequencies, so that its own colour hides every effect.
         return chance_by_likelihood(residual, tangent, earlier, rows) > LEFT_P_VALUE

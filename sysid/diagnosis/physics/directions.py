@@ -75,11 +75,22 @@ def _thinned(shapes: list[tuple[float, ...]], form: Form) -> list[tuple[float, .
     return shapes[::step]
 
 
-def probes(setting: Setting, fit: StructureFit) -> Floats:
+def probes(setting: Setting, fit: StructureFit, since: int = 0) -> Floats:
     """Return directions in which an effect that is not in any list would show.
 
     Functions of input, position, speed and time, added to the output, to the input of the model with its
     effects and, where the model has a moving body, to the force on it; and lags of the input.
+
+    Parameters
+    ----------
+    setting : Setting
+    fit : StructureFit
+    since : int
+        Least number of samples by which the input comes before the output.
+
+    Returns
+    -------
+    ndarray, shape (n_samples, n_probes)
     """
     problem = problem_of(setting, fit)
     record, plant = setting.record, setting.plant
@@ -91,16 +102,19 @@ def probes(setting: Setting, fit: StructureFit) -> Floats:
         y = problem.run(part, fit.point[np.newaxis], numbers.get(part.start), states)[0]
         port = plant.port
         position = y if port.position is None else states[0, :, port.position]
-        speed = np.gradient(y) if port.velocity is None else states[0, :, port.velocity]
-        if port.velocity == port.position and port.velocity is not None:
-            speed = np.gradient(position)
+        if port.velocity is None or port.velocity == port.position:
+            slope = np.gradient(position if port.velocity is not None else y)
+            speed = _lagged(slope, since)  # that of a row asks for the next row, which its input moves
+        else:
+            slope = speed = states[0, :, port.velocity]
         time, before = np.linspace(-1.0, 1.0, u.shape[0]), _lagged(u[:, 0], 1)
-        functions = np.array([*probe_functions(u[:, 0], before, position, speed, time)])
+        shown = _lagged(u[:, 0], since), _lagged(before, since)
+        functions = np.array([*probe_functions(*shown, position, speed, time)])
         # What is held over a sample is best known in its middle.
-        middle = _in_the_middle(position), _in_the_middle(speed)
+        middle = _in_the_middle(position), _in_the_middle(slope)
         held = np.array([*probe_functions(u[:, 0], before, *middle, time)])
         through = _through(problem, fit.point, (part, numbers.get(part.start)), held)
-        lags = [_lagged(u[:, 0], lag) for lag in range(2 * plant.order + EXTRA_LAGS + 1)]
+        lags = [_lagged(u[:, 0], lag) for lag in range(since, 2 * plant.order + EXTRA_LAGS + 1)]
         found.append(np.vstack([functions, *through, lags]))
     return np.ascontiguousarray(np.nan_to_num(np.concatenate(found, axis=1)).T)
 

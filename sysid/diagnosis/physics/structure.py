@@ -366,6 +366,10 @@ class PhysicsStructure:
         """Return directions in which an effect that is not in any list would show."""
         return probes(self.setting, fit)
 
+    def earlier_probes(self, fit: StructureFit) -> Floats:
+        """Return directions that hold the input of earlier rows only, as an effect of the plant does."""
+        return probes(self.setting, fit, since=1)
+
     def equation(self, fit: StructureFit) -> str:
         """Return the model's equation with its effects, for a reader."""
         return equation_text(self.model, fit.laws)
