@@ -1,5 +1,7 @@
 """Records that look as if an effect were missing, or as if it were another one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -204,3 +206,19 @@ def test_a_furnace_lags_behind_drifts_and_is_measured_from_another_zero():
     assert set(found.accepted) == {"in_delay", "out_offset", "out_drift"}
     (offset,) = found.final.fitted.parameters_of("out_offset")
     assert offset.value == pytest.approx(20.0, abs=4 * offset.std_error)
+
+
+@pytest.mark.parametrize(("far", "lost"), [(6.0, True), (0.5, False)])
+def test_rows_on_which_a_plant_is_slowly_lost_show_something_else(far, lost):
+    """Its innovations hardly tell: the run leaves the record slowly, beside noise that is slow as well."""
+    rng = np.random.default_rng(8)
+    u = levels(rng, 1200, -2, 2, 4, 30)
+    y = second_order(u)
+    split = np.array(["train"] * 800 + ["val"] * 400)
+    structure = LinearStructure(make_record(u, y, period=PERIOD, split=split), 2, initial_state="rest")
+    record = structure.record
+    evidence = Evidence(structure, record.estimation, record.validation, 0.01)
+    noise = lfilter([0.03], [1, -0.998], rng.standard_normal(1200))
+    away = far * (1.0 - np.exp(-np.maximum(np.arange(1200) - 800, 0) / 400))
+    fit = replace(structure.baseline(record.estimation), output=y - noise - away)
+    assert evidence.rows_disagree(fit) == lost

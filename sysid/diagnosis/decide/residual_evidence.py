@@ -21,6 +21,8 @@ COLOUR_ROUNDS = 2
 LEFT_P_VALUE = 1e-5
 # Held-out innovations larger than those of the search by this factor, beyond chance, show something else.
 DISAGREEMENT = 1.3
+# A free run that errs by so much more, in mean square, has lost the plant there.
+RUN_AWAY = 9.0
 # It shows in more than one place when blocks of them exceed those of the search by so many standard errors.
 EXCESS = 2.0
 # Then learning rows are cut into so many blocks, of which every third is held out: short ones, for what
@@ -139,7 +141,7 @@ class Evidence:
             return remainder(*parts).p_value
 
         earlier = structure.earlier_probes(fit)
-        # Of a smooth input next to all that moves in a row is known from earlier ones: the rest shows the loop.
+        # Most of a smooth input is known from earlier rows: what is new in a row shows the loop.
         news = chance(structure.record.u, np.hstack([tangent, earlier]))
         at_once = min(news, chance(structure.probes(fit)))
         if not chance(earlier) > LEFT_P_VALUE > at_once:
@@ -167,11 +169,23 @@ class Evidence:
         inside, outside = (filtered(residual, rows, noise) for rows in (self.rows, self.held_out))
         if not inside.size or not outside.size:
             return False
+        if self._runs_away(residual):
+            return True
         ratio = float(np.mean(outside**2)) / max(float(np.mean(inside**2)), 1e-300)
         by_chance = float(fdtrc(outside.size, inside.size, ratio))
         return (
             ratio > DISAGREEMENT and by_chance < LEFT_P_VALUE and excess_in_blocks(inside, outside) > EXCESS
         )
+
+    def _runs_away(self, residual: Floats) -> bool:
+        """Tell whether a free run that follows the rows of the search has lost the plant on the others.
+
+        What follows a change of the gain slowly seems to have a long memory, whose innovations show the
+        change in a few rows only, and by which errors of any size are to be expected.
+        """
+        inside, outside = (float(np.mean(residual[rows] ** 2)) for rows in (self.rows, self.held_out))
+        moves = float(np.nanvar(self.structure.record.y[self.held_out, 0]))
+        return outside > max(moves, RUN_AWAY * inside)
 
     def noise_accepted(self, fit: StructureFit, noise: Noise) -> bool:
         """Tell whether the residual's memory is real: on held-out rows it must lower the innovations."""
