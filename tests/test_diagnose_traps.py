@@ -10,7 +10,7 @@ from sysid.data import make_record
 from sysid.diagnosis import advice
 from sysid.diagnosis.decide.alignment import chance_at_other_times
 from sysid.diagnosis.decide.residual_evidence import Evidence
-from sysid.diagnosis.decide.revision import exchanged, still_tied
+from sysid.diagnosis.decide.revision import exchanged, still_tied, without_idle
 from sysid.diagnosis.decide.trials import Trials, may_hold
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.effects import find_effects
@@ -222,3 +222,21 @@ def test_rows_on_which_a_plant_is_slowly_lost_show_something_else(far, lost):
     away = far * (1.0 - np.exp(-np.maximum(np.arange(1200) - 800, 0) / 400))
     fit = replace(structure.baseline(record.estimation), output=y - noise - away)
     assert evidence.rows_disagree(fit) == lost
+
+
+@pytest.mark.parametrize(("second", "kept"), [(0.0, 1), (0.1, 2)])
+def test_a_law_found_beside_another_stands_alone_where_the_other_does_nothing(second, kept):
+    rng = np.random.default_rng(9)
+    u = levels(rng, 800, 1, 4, 4, 30)
+    y = second_order(np.minimum(u, 2.5))
+    y = y + second * y**2 + 0.01 * rng.standard_normal(800)
+    structure = LinearStructure(record_of(u, y), 2, initial_state="rest")
+    rows = structure.record.estimation
+    fit = structure.baseline(rows)
+    for name in ("out_quadratic" if second else "out_rectify", "in_saturation"):
+        (effect,) = find_effects([name])
+        choices = (*fit.choices, Choice(effect, effect.forms[0]))
+        fit = structure.fit(choices, rows, WHITE, fit, effort=Effort.FINE)
+    evidence = Evidence(structure, rows, structure.record.validation, 0.01)
+    assert len(fit.choices) == 2
+    assert len(without_idle(evidence, fit, 0).choices) == kept

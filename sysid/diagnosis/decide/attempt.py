@@ -12,7 +12,7 @@ from sysid.diagnosis.decide.growth import Grown, Growth
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
 from sysid.diagnosis.decide.refinement import refined
 from sysid.diagnosis.decide.residual_evidence import Evidence
-from sysid.diagnosis.decide.revision import exchanged, freed, reordered
+from sysid.diagnosis.decide.revision import exchanged, freed, reordered, without_idle
 from sysid.diagnosis.decide.rungs import rungs_to
 from sysid.diagnosis.decide.trials import Trials
 from sysid.diagnosis.decide.verdict import Judge, explains_most, leaves_a_trace
@@ -161,6 +161,7 @@ class Attempt:
         for found in self._pairs(trials) if pairs is None else pairs:
             n_given = len(self.growth.given)
             pair = freed(self.evidence, reordered(self.evidence, found, n_given), n_given)
+            pair = without_idle(self.evidence, pair, n_given)
             if not is_better_held_out(self.evidence, pair, decision.final):
                 continue
             other = self._judged_pair(decision, pair, trials)

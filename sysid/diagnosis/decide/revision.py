@@ -74,6 +74,19 @@ def freed(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:
     return fit
 
 
+def without_idle(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:
+    """Leave out each effect without which the others, from where they stand, explain as much.
+
+    A law that was searched beside it may have found what it had missed alone, not by help of the other.
+    """
+    for choice in fit.choices[n_given:-1]:
+        noise, others = evidence.colour(fit), tuple(other for other in fit.choices if other is not choice)
+        lean = evidence.structure.fit(others, evidence.rows, noise.polynomial, fit, effort=Effort.REFIT)
+        limit = evidence.criterion(fit, noise) + SAME_CRITERION
+        fit = lean if lean.usable and evidence.criterion(lean, noise) <= limit else fit
+    return fit
+
+
 def reordered(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:
     """Let an effect act after others at its port where that explains more.
 
