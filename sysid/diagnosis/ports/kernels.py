@@ -139,56 +139,35 @@ def differentiate_loop(
     full = clamped(knots, degree)
     basis, slopes = np.empty(degree + 1), np.empty(degree + 1)
     state, following = start.copy(), np.empty(n)
-    moved, moved_on = np.zeros((width, n)), np.empty(n)
+    # One line for each state: all columns go through a weight side by side, and most weights are zero.
+    moved, moved_on = np.zeros((n, width)), np.empty((n, width))
     for i in range(n):
-        moved[n_plant + n_map + i, i] = 1.0
+        moved[i, n_plant + n_map + i] = 1.0
+    by_state, by_input = _entries(dA), _entries(dB)
     waiting, waiting_moved = np.zeros(lag + 1), np.zeros((lag + 1, width))
     before, before_moved = 0.0, np.zeros(width)
-    out, fed, force = np.empty(width), np.empty(width), np.empty(width)
+    out, fed, force = np.empty(width), np.zeros(width), np.empty(width)
     for k in range(n_rows):
         value = 0.0
         for j in range(n):
             value += C[j] * state[j]
         for j in range(m):
             value += D[j] * v[k, j]
-        for q in range(width):
-            slope = 0.0
-            for j in range(n):
-                slope += C[j] * moved[q, j]
-            if q < n_plant:
-                for j in range(n):
-                    slope += dC[q, j] * state[j]
-                for j in range(m):
-                    slope += dD[q, j] * v[k, j]
-            out[q] = slope
+        _sensed(C, dC, dD, moved, state, v[k], out)
         sensed = 0.0
         if mode == KNOWN:
             sensed = known[k]
-            for q in range(width):
-                fed[q] = 0.0
         elif mode == STATE:
             for j in range(n):
                 sensed += H[j] * state[j]
             for j in range(m):
                 sensed += K[j] * v[k, j]
-            for q in range(width):
-                slope = 0.0
-                for j in range(n):
-                    slope += H[j] * moved[q, j]
-                if q < n_plant:
-                    for j in range(n):
-                        slope += dH[q, j] * state[j]
-                    for j in range(m):
-                        slope += dK[q, j] * v[k, j]
-                fed[q] = slope
+            _sensed(H, dH, dK, moved, state, v[k], fed)
         elif mode == RATE:
-            if k > 0:
-                sensed = (value - before) * rate
-                for q in range(width):
-                    fed[q] = (out[q] - before_moved[q]) * rate
-            else:
-                for q in range(width):
-                    fed[q] = 0.0
+            per_row = rate if k > 0 else 0.0
+            sensed = (value - before) * per_row
+            for q in range(width):
+                fed[q] = (out[q] - before_moved[q]) * per_row
         else:
             sensed = value
             for q in range(width):
@@ -208,8 +187,8 @@ def differentiate_loop(
             force[n_plant + first + r] += sign * basis[r]
         for q in range(width):
             J[k, q] = out[q] + G * force[q]
-            if q < n_plant:
-                J[k, q] += dG[q] * s
+        for q in range(n_plant):
+            J[k, q] += dG[q] * s
         if mode == BEHIND:
             s = 0.0
             for q in range(width):
@@ -224,20 +203,21 @@ def differentiate_loop(
             waiting_moved[k % (lag + 1), q] = force[q]
         place = (k + 1) % (lag + 1)
         s = waiting[place]
-        for q in range(width):
-            for i in range(n):
-                slope = E[i] * waiting_moved[place, q]
-                for j in range(n):
-                    slope += A[i, j] * moved[q, j]
-                if q < n_plant:
-                    slope += dE[q, i] * s
-                    for j in range(n):
-                        slope += dA[q, i, j] * state[j]
-                    for j in range(m):
-                        slope += dB[q, i, j] * v[k, j]
-                moved_on[i] = slope
-            for i in range(n):
-                moved[q, i] = moved_on[i]
+        for i in range(n):
+            for q in range(width):
+                moved_on[i, q] = E[i] * waiting_moved[place, q]
+            for j in range(n):
+                weight = A[i, j]
+                if weight != 0.0:
+                    for q in range(width):
+                        moved_on[i, q] += weight * moved[j, q]
+            for q in range(n_plant):
+                moved_on[i, q] += dE[q, i] * s
+        _add_products(by_state, dA, state, moved_on)
+        _add_products(by_input, dB, v[k], moved_on)
+        for i in range(n):
+            for q in range(width):
+                moved[i, q] = moved_on[i, q]
         for i in range(n):
             value = E[i] * s
             for j in range(n):
@@ -247,3 +227,42 @@ def differentiate_loop(
             following[i] = value
         for i in range(n):
             state[i] = following[i]
+
+
+@compiled
+def _sensed(
+    weights: Floats, d_state: Floats, d_input: Floats, moved: Floats, state: Floats, v: Floats, out: Floats
+) -> None:
+    """Fill how a combination of states and inputs changes, its own weights included."""
+    for q in range(out.shape[0]):
+        out[q] = 0.0
+    for j in range(weights.shape[0]):
+        for q in range(out.shape[0]):
+            out[q] += weights[j] * moved[j, q]
+    for q in range(d_state.shape[0]):
+        for j in range(d_state.shape[1]):
+            out[q] += d_state[q, j] * state[j]
+        for j in range(d_input.shape[1]):
+            out[q] += d_input[q, j] * v[j]
+
+
+@compiled
+def _entries(weights: Floats) -> NDArray[np.int64]:
+    """Return the places of weights other than zero, shape (n_entries, 3)."""
+    count = 0
+    found = np.empty((weights.size, 3), dtype=np.int64)
+    for q in range(weights.shape[0]):
+        for i in range(weights.shape[1]):
+            for j in range(weights.shape[2]):
+                if weights[q, i, j] != 0.0:
+                    found[count, 0], found[count, 1], found[count, 2] = q, i, j
+                    count += 1
+    return found[:count]
+
+
+@compiled
+def _add_products(entries: NDArray[np.int64], weights: Floats, signal: Floats, out: Floats) -> None:
+    """Add to each state's line what the weights other than zero make of a signal."""
+    for e in range(entries.shape[0]):
+        q, i, j = entries[e, 0], entries[e, 1], entries[e, 2]
+        out[i, q] += weights[q, i, j] * signal[j]
