@@ -8,22 +8,27 @@ import pytest
 import sysid
 from sysid.cli import main
 from sysid.data import make_record
-from sysid.diagnosis.decide.allowance import Allowance, allowance_of
+from sysid.diagnosis.decide.allowance import Allowance, GivenUpError, allowance_of
 from sysid.diagnosis.decide.decision import Decision
 from sysid.diagnosis.decide.growth import Growth
 from sysid.diagnosis.decide.noise_colour import Noise
+from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.decide.search import Search
-from sysid.diagnosis.decide.trials import Trials
+from sysid.diagnosis.decide.trials import FURTHER, FURTHER_LATE, Trials
 from sysid.diagnosis.effects import find_effects
+from sysid.diagnosis.effects.catalogue import catalogue
+from sysid.diagnosis.linear import structure as linear_structure
 from sysid.diagnosis.linear.structure import LinearStructure
 from sysid.diagnosis.orders import decided_with_order
 from sysid.diagnosis.physics import structure as physics_structure
 from sysid.diagnosis.physics.structure import PhysicsStructure
 from sysid.diagnosis.ports.physics_plant import PhysicsPlant
+from sysid.diagnosis.structures.rows import SEARCH_ROWS, rows_of_search
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort
 from sysid.diagnosis.structures.work import Work
 from sysid.physics import fit_physics, load_model
 from sysid.physics.forced import COARSER, ForcedPlant
+from sysid.progress import Progress
 
 FEW = ["quad_drag", "in_delay", "out_offset", "out_drift", "cubic_stiffness"]
 START = {"m": 1.1, "c": 0.45, "k": 2.2}
@@ -145,7 +150,7 @@ def test_linear_fits_count_once_whoever_asks_first():
     assert done[0] == done[1] > 0
 
 
-def decided(structure, *, named, cut_short=False):
+def decided(structure, *, named):
     """A decision with the true law, or that none explains."""
     (limit,) = find_effects(["in_saturation"])
     rows = structure.record.estimation
@@ -154,22 +159,90 @@ def decided(structure, *, named, cut_short=False):
     fit = structure.fit([choice], rows, WHITE, base, effort=Effort.FINE)
     verdict, fits, names = ("missing-effect", (fit,), (limit.name,)) if named else ("unexplained", (), ())
     noise = Noise(WHITE, 1.0, 0.0)
-    return Decision(verdict, base, fits, names, (), (), noise, 1.0, 0.0, 0.0, cut_short=cut_short)
+    return Decision(verdict, base, fits, names, (), (), noise, 1.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("cut_short", [False, True])
-def test_another_order_explains_with_its_first_effects_or_not_at_all(cut_short):
+@pytest.mark.parametrize("ends", [True, False])
+def test_another_order_explains_with_its_first_effects_or_not_at_all(ends):
     first = LinearStructure(record(), 3, initial_state="rest")
     tried = []
 
     def decide(structure):
         tried.append(structure)
-        return decided(structure, named=structure is not first, cut_short=cut_short), None
+        if structure is not first and not ends:
+            raise GivenUpError
+        return decided(structure, named=structure is not first), None
 
     taken = decided_with_order(first, decide, 0.01)
-    assert (taken[0] is first) == cut_short
-    assert [structure.order for structure in tried] == ([3, 2, 1, 4] if cut_short else [3, 2])
+    assert (taken[0] is not first) == ends
+    assert [structure.order for structure in tried] == ([3, 2] if ends else [3, 2, 1, 4])
+    assert not first.work.whole
+    assert all(structure.work.whole for structure in tried[1:])
     assert all(structure.work.given < 0.5 * first.work.given for structure in tried[1:])
+
+
+def test_a_search_that_counts_only_as_a_whole_is_given_up_where_it_would_stop():
+    work = Work(10.0, whole=True)
+    spared, usual = Allowance(work), Allowance(Work(10.0))
+    assert spared.spares
+    assert not usual.spares
+    assert not Allowance().spares
+    work.note("first", 10)
+    usual.work.note("first", 10)
+    assert usual.permits_beside(1)
+    assert usual.permits(1.5)
+    assert not usual.permits_beside(2)
+    for asked in (lambda: spared.permits(1.5), lambda: spared.permits_beside(1)):
+        with pytest.raises(GivenUpError):
+            asked()
+    assert Allowance().permits_beside(2)
+
+
+@pytest.mark.parametrize(("taken", "most"), [(0, FURTHER), (10, FURTHER_LATE)])
+def test_fewer_are_tried_beside_others_once_the_work_is_done(taken, most):
+    structure = LinearStructure(record(), 2, initial_state="rest")
+    data = structure.record
+    evidence = Evidence(structure, data.estimation, data.validation, 0.01)
+    work = Work(1.0)
+    work.note("before", taken)
+    allowance = Allowance(work)
+    effects = structure.offered(catalogue())
+    trials = Trials(evidence, effects, seed=0, jobs=1, bars=Progress(), allowance=allowance)
+    tried = trials.beside(structure.baseline(data.estimation), further=True)
+    # A map without parameters, such as a rectifier, is tried whatever its slope says.
+    named = [trial for trial in tried if trial.fit is not None and trial.fit.choices[-1].form.parameters]
+    assert len(tried) == len(effects) > FURTHER
+    assert FURTHER_LATE - 1 <= len(named) <= most
+    assert allowance.ended == (taken > 0)
+
+
+def test_a_long_record_is_searched_on_some_of_its_rows_and_given_no_more_work():
+    rng = np.random.default_rng(8)
+    u = np.repeat(rng.uniform(-1.0, 1.0, 1000), 6)
+    y = np.zeros(6000)
+    for k in range(1, 6000):
+        y[k] = 0.8 * y[k - 1] + 0.2 * np.clip(u[k - 1], -0.6, 0.7)
+    y += 0.01 * rng.standard_normal(6000)
+    (limit,) = find_effects(["in_saturation"])
+    done = []
+    for n in (1500, 6000):
+        structure = LinearStructure(make_record(u[:n], y[:n], period=1.0, split=["est"] * n), 1)
+        rows = structure.record.estimation
+        assert structure.work.given == linear_structure.WORK
+        base = structure.baseline(rows)
+        fit = structure.fit([Choice(limit, limit.forms[0])], rows, WHITE, base, effort=Effort.COARSE)
+        assert fit.parameters_of("in_saturation")[0].value == pytest.approx(0.65, abs=0.06)
+        done.append(structure.work.done)
+    assert done[1] < 2.0 * done[0]
+
+
+def test_a_search_sees_what_happens_only_at_the_ends_of_a_range():
+    rows = np.ones(4000, dtype=bool)
+    quiet = np.tile([-1.0, 1.0], 2000)
+    loud = quiet.copy()
+    loud[3000] = 5.0
+    assert rows_of_search([quiet, quiet], rows).sum() == SEARCH_ROWS
+    assert rows_of_search([quiet, loud], rows).sum() == 3001
 
 
 @pytest.mark.parametrize("damping", [0.2, 3.0, 40.0])

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from sysid.diagnosis.decide.acceptance import is_better_held_out
+from sysid.diagnosis.decide.allowance import GivenUpError
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision
 from sysid.diagnosis.decide.evidence import TIED, block_separation
 from sysid.diagnosis.decide.modes import MODE
@@ -163,12 +164,15 @@ class _Orders:
     def _named(self, order: int, spared: bool = False) -> Decided | None:
         """Return what is missing at an order if that is known, and no matter of the order.
 
-        What a spared search would have gone on with is not believed.
+        A spared search that would have to stop before its end says nothing.
         """
-        found = self.decided(order, spared)
+        try:
+            found = self.decided(order, spared)
+        except GivenUpError:
+            return None
         decision = found[1]
         named = decision.verdict == "missing-effect" and not _matter_of_order(decision.final.names)
-        return found if named and not (spared and decision.cut_short) else None
+        return found if named else None
 
     def _best_order(
         self, choices: Sequence[Choice], orders: Sequence[int], than: StructureFit, margin: float = EVEN

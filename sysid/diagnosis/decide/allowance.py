@@ -13,12 +13,17 @@ from sysid.diagnosis.structures.work import Work, Working
 PROMISING, THIRD, REVISED = 1.7, 0.7, 2.5
 
 
+class GivenUpError(Exception):
+    """A search that counts only if it comes to its end would have to stop before."""
+
+
 @dataclass
 class Allowance:
     """How far a search may go.
 
     The first effects and a second one beside what was accepted are always searched.  What follows is
-    long where a model lacks what no candidate is, for then all of it is tried in vain.
+    long where a model lacks what no candidate is, for then all of it is tried in vain.  A search that counts
+    only as a whole is given up where it may not go on, with `GivenUpError`, a second effect included.
 
     Attributes
     ----------
@@ -32,11 +37,28 @@ class Allowance:
     ended: bool = field(default=False, init=False)
     _begun: int = field(default=0, init=False)
 
+    @property
+    def spares(self) -> bool:
+        """Whether the search counts only as a whole, and is to be over soon."""
+        return self.work is not None and self.work.whole
+
     def permits(self, share: float = 1.0) -> bool:
         """Tell whether a stage that is worth so much more than others may begin; remember if it may not."""
-        permitted = self.work is None or self.work.done - self._begun < share * self.work.given
-        self.ended |= not permitted
-        return permitted
+        if self.work is None:
+            return True
+        share = min(share, 1.0) if self.spares else share
+        if self.work.done - self._begun < share * self.work.given:
+            return True
+        if self.spares:
+            raise GivenUpError
+        self.ended = True
+        return False
+
+    def permits_beside(self, count: int) -> bool:
+        """Tell whether another effect may be searched beside so many."""
+        if count > 1:
+            return self.permits(THIRD)
+        return not self.spares or self.permits()
 
     def renew(self) -> None:
         """Begin to count anew: the search starts again on other premises, that are closer to the record."""

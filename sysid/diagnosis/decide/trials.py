@@ -6,7 +6,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from sysid.diagnosis.decide.allowance import THIRD, Allowance
+from sysid.diagnosis.decide.allowance import PROMISING, Allowance
 from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.evidence import ScoreScreen, score_screen
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE, Noise
@@ -25,8 +25,11 @@ from sysid.progress import Progress
 
 # How many candidates are fitted at all, in all their forms, and with the finest search.
 SCREENED, REFINED, POLISHED = 12, 6, 3
-# How many are fitted beside effects that were accepted before, in all forms, and finest.
+# How many are fitted beside effects that were accepted before or in a search that spares, in all forms, and
+# finest.
 FURTHER, REFINED_BESIDE, POLISHED_BESIDE = 8, 4, 2
+# How many are fitted beside others once the search has taken more work than its later stages may begin with.
+FURTHER_LATE = 5
 # Of the criterion: beneath it two fits are one; beneath this they cannot be told apart (Kass & Raftery 1995,
 # Journal of the American Statistical Association 90: "not worth more than a bare mention").
 SAME_RUN, BARE_MENTION = 0.1, 2.0
@@ -73,13 +76,14 @@ class Trials:
         screen = self.screen(self.evidence.refitted(current, colour), candidates, colour)
         if further and self._nothing_left(current, candidates, screen):
             return ()
-        if len(current.choices) > self.evidence.n_given + 1 and not self.allowance.permits(THIRD):
+        if further and not self.allowance.permits_beside(len(current.choices) - self.evidence.n_given):
             return ()
         ranking = sorted(candidates, key=lambda e: -screen.statistics[e.name])
         # A family whose fits are cheap may ask for more of them than the screen would let through.
         count: int = getattr(self.evidence.structure, "screened", SCREENED)
-        count = min(count, most) if further else count
-        lost = self._lost(current)
+        if further or self.allowance.spares:
+            count = min(count, most if self.allowance.permits(PROMISING) else FURTHER_LATE)
+        lost = self._lost(current) and (not further or self.allowance.permits())
         chosen = [
             e
             for i, e in enumerate(ranking)
@@ -128,7 +132,7 @@ class Trials:
 
     def ranked(self, current: StructureFit, candidates: Sequence[Effect], noise: Noise) -> list[Trial]:
         """Fit the candidates, the better ones with more care; return them best first."""
-        first = len(current.choices) == self.evidence.n_given
+        first = len(current.choices) == self.evidence.n_given and not self.allowance.spares
         refined, polished = (REFINED, POLISHED) if first else (REFINED_BESIDE, POLISHED_BESIDE)
 
         def simply(effect: Effect) -> Trial:
@@ -139,7 +143,8 @@ class Trials:
             simple = [form for form in effect.found_by if whole or len(form.parameters) <= size]
             return self.best_form(current, effect, simple, noise, Effort.COARSE)
 
-        blind = {e.name for e in candidates if may_hold(e)} if self._lost(current) else set()
+        lost = self._lost(current) and (not current.choices or self.allowance.permits())
+        blind = {e.name for e in candidates if may_hold(e)} if lost else set()
         beside = f" beside {' and '.join(current.names)}" if current.choices else ""
         tried = self._each(f"candidates{beside}", simply, candidates)
         found = {trial.name: trial for trial in tried}

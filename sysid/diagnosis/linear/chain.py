@@ -22,6 +22,9 @@ from sysid.diagnosis.structures.structure import Choice
 from sysid.diagnosis.structures.whitening import opening
 from sysid.diagnosis.structures.work import Steps
 
+# What a run, and a Jacobian with the step that it leads to, cost besides their rows, in rows.
+RUN, JACOBIAN = 1_000, 4_000
+
 
 @dataclass(frozen=True, eq=False)
 class Layout:
@@ -159,7 +162,7 @@ class Chain:
 
     def run(self, data: Data, point: Floats) -> Run | None:
         """Simulate; None if it diverges."""
-        self.steps.taken += data.u.size
+        self.steps.taken += data.u.size + RUN
         x = self._recalled(data, point)
         z = np.empty(x.size)
         v = np.empty(x.size) if self.drives else x
@@ -226,7 +229,7 @@ class Chain:
         """
         layout = self.layout(data)
         wanted = np.ones(point.size, dtype=bool) if free is None else free
-        self.steps.taken += int(np.count_nonzero(wanted)) * data.u.size
+        self.steps.taken += int(np.count_nonzero(wanted)) * data.u.size + JACOBIAN
         slopes = self.drive_slopes(data, point, run, wanted[layout.driving])
         inputs = self._input_changes(data, point, slopes[0], wanted, len(slopes) - 3)
         inputs[inputs.shape[0] - len(slopes) + 3 :] = slopes[3:]

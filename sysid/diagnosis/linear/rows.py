@@ -8,10 +8,9 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import EffectParameter, Floats, Grid, Map
+from sysid.diagnosis.structures.rows import end_of_search
 from sysid.errors import DataError
 
-# A search runs on at most this many rows; its end is polished on all of them.
-SEARCH_ROWS = 6000
 # Least value of a shape whose bound is zero, as a share of the largest one on its grid.
 LEAST_SHAPE = 1e-6
 
@@ -119,8 +118,8 @@ def _parts(record: Record, rows: Mask) -> list[np.ndarray]:
 
 def for_search(data: Data, free_start: bool) -> Data:
     """Return the first rows, enough for a search; all where each experiment has its own start."""
-    if data.u.size <= SEARCH_ROWS or (free_start and data.n_experiments > 1):
+    stop = end_of_search((data.u, data.y), data.used)
+    if stop == data.u.size or (free_start and data.n_experiments > 1):
         return data
-    stop = min(max(SEARCH_ROWS, int(np.argmax(data.used)) + SEARCH_ROWS), data.u.size)
     begin = np.array([*data.begin[:-1][data.begin[:-1] < stop], stop])
     return Data(data.u[:stop], data.y[:stop], data.used[:stop], begin, data.period)

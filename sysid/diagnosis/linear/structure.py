@@ -48,9 +48,9 @@ TOO_MANY = f"a linear model takes at most {MOST_DRIVES} forces"
 CENTRED = ("gravity_sine", "cubic_stiffness")
 # Up to this order poles are tried in other places.
 MOST_EXCHANGED = 4
-# Work of a whole search, in rows of runs and of lines of Jacobians, for so many rows to learn from; more for
-# more.  And what part of it each further order is given: there the first effects explain the record, or none.
-WORK, WORK_ROWS, FURTHER_ORDER = 250e6, 1_600, 0.1
+# Work of a whole search, in rows of runs and of lines of Jacobians, whatever the length of the record.  And
+# what part of it each further order is given: there the first effects explain the record, or none.
+WORK, FURTHER_ORDER = 320e6, 0.1
 
 
 class LinearStructure:
@@ -100,16 +100,16 @@ class LinearStructure:
         self.order = chosen_order(record, self._of_order) if order is None else order
         self._baselines: dict[bytes, Floats] = {}
         self._fits, self._grids = Fits(), Memory[Grid]()
-        self.work = Work(WORK * max(float(record.learning.sum()) / WORK_ROWS, 1.0))
+        self.work = Work(WORK)
 
     def on(self, record: Record) -> "LinearStructure":
         """Return the same structure, of the same order, for another record."""
         return LinearStructure(record, self.order, initial_state=self.initial_state)
 
     def of_order(self, order: int) -> "LinearStructure":
-        """Return the structure of another order for the same record, whose search is given less work."""
+        """Return the structure of another order, whose search is given less work, or is given up."""
         other = LinearStructure(self.record, order, initial_state=self.initial_state)
-        other.work = Work(FURTHER_ORDER * self.work.given)
+        other.work = Work(FURTHER_ORDER * self.work.given, whole=True)
         return other
 
     def offered(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:

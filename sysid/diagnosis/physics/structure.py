@@ -40,7 +40,7 @@ from sysid.diagnosis.physics.setting import Plant, setting_of
 from sysid.diagnosis.physics.starts import near_starts, wide_starts
 from sysid.diagnosis.physics.steps import enough_steps
 from sysid.diagnosis.structures.memory import Fits, key_of
-from sysid.diagnosis.structures.rows import first_rows_of
+from sysid.diagnosis.structures.rows import rows_of_search
 from sysid.diagnosis.structures.sides import with_forms_of
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit, kept_and_new
 from sysid.diagnosis.structures.work import Work
@@ -50,14 +50,12 @@ from sysid.physics.general import GeneralPlant, is_general
 from sysid.physics.model import Model
 from sysid.separable.descent import Minimum, Residual
 
-# A search runs on the first rows, so many; its end is polished on all.
-SEARCH_ROWS = 2_500
 # Draws around the nominal values; more where no two searches agree.
 RESTARTS, MORE_RESTARTS = 4, 16
 # Most steps that the simulations of a fit of each effort may take, for so many rows; more for more rows.
 BUDGETS, BUDGET_ROWS = (60e6, 25e6, 80e6), 1_200
-# Work of a whole search, in steps of a run without laws, for so many rows to learn from; more for more.
-WORK, WORK_ROWS = 250e6, 1_600
+# Work of a whole search, in steps of a run without laws, whatever the length of the record.
+WORK = 280e6
 # Poles beyond the sampling frequency leave no trace of their own in a record: a search does not follow a
 # plant there, unless its start values, known within some 20 %, or the fit that is started from are as fast.
 SAMPLING_RATE, AS_FAST = 2.0 * np.pi, (2.0, 1.0)
@@ -98,7 +96,7 @@ class PhysicsStructure:
         )
         self.model, self.free_start = model, initial_state == "estimate"
         self._hold_chosen = False
-        self.work = Work(WORK * max(float(record.learning.sum()) / WORK_ROWS, 1.0))
+        self.work = Work(WORK)
         self._use(plant)
 
     def on(self, record: Record) -> "PhysicsStructure":
@@ -193,7 +191,7 @@ class PhysicsStructure:
             )
         unknown = any(p.status == "free" for p in self.setting.searched)
         starts = wide_starts(self.setting, rows) if unknown else near_starts(self.setting, RESTARTS)
-        small = first_rows_of(rows, SEARCH_ROWS)
+        small = self._rows_of_search(rows)
         search = problem if small.sum() == rows.sum() else self._problem((), small, WHITE, budget)
         ends = descents(search, starts)
         found_again = agree(ends)
@@ -253,7 +251,7 @@ class PhysicsStructure:
                 end = scattered(problem, end, EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE])
             end = refined(problem, end, EVALUATIONS[Effort.COARSE], TOLERANCES[effort])
             return self._result(problem, with_thresholds_between(problem, within_cells(problem, end)), True)
-        small = first_rows_of(rows, SEARCH_ROWS)
+        small = self._rows_of_search(rows)
         search, plain = problem, before
         if small.sum() < rows.sum():
             search = self._problem(choices, small, noise, budget)
@@ -290,6 +288,9 @@ class PhysicsStructure:
         if effort is Effort.FINE:  # a ranking can do without
             best = within_cells(problem, best)
         return self._result(problem, best, found_twice or effort is Effort.COARSE)
+
+    def _rows_of_search(self, rows: Mask) -> Mask:
+        return rows_of_search([*self.record.u.T, self.record.y[:, 0]], rows)
 
     def _problem(
         self,

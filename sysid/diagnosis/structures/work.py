@@ -23,6 +23,8 @@ class Work:
     ----------
     given : float
         After so much no further stage of a search begins.
+    whole : bool
+        Whether the search counts only if it comes to its end: it is given up where it would have to stop.
 
     Examples
     --------
@@ -34,6 +36,7 @@ class Work:
     """
 
     given: float
+    whole: bool = False
     _parts: dict[int, int] = field(default_factory=dict, repr=False)
 
     def note(self, key: Hashable, amount: int) -> None:
