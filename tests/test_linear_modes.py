@@ -1,5 +1,7 @@
 """Standard errors over other minima; modes that ring; probes through the model with its effects."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,8 +11,11 @@ from sysid.diagnosis.diagnose import structure_of
 from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.linear.modes import errors_over_minima
 from sysid.diagnosis.linear.parameters import standard_errors
+from sysid.diagnosis.linear.structure import LinearStructure
 from sysid.diagnosis.physics.descents import agree, nearly_agree
+from sysid.diagnosis.physics.structure import PhysicsStructure
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, FittedParameter, StructureFit
+from sysid.physics import load_model
 from sysid.separable.descent import Minimum, Residual, Status
 
 
@@ -80,13 +85,29 @@ def test_a_damped_path_is_no_mode_unless_it_has_changed_places_with_the_models_o
 
 
 def test_a_mode_at_the_place_of_the_models_own_is_the_model_again():
-    frequency, damping, period = 4.0, 0.3, 0.1
-    pole = np.exp(period * frequency * (-damping + 1j * np.sqrt(1.0 - damping**2)))
-    own = {"a1": -2.0 * pole.real, "a2": abs(pole) ** 2, "b1": 1.0, "b2": 0.0}
-    assert is_the_plant_again(fit_with(damping, own, frequency), period)
-    assert is_the_plant_again(fit_with(1.05 * damping, own, 0.97 * frequency), period)
-    assert not is_the_plant_again(fit_with(damping, own, 1.3 * frequency), period)
-    assert not is_the_plant_again(fit_with(damping, {"m": 1.0}, frequency), period)
+    frequency, damping = 4.0, 0.3
+    pole = frequency * (-damping + 1j * np.sqrt(1.0 - damping**2))
+    own = np.array([pole, pole.conjugate(), -5.0])
+    assert is_the_plant_again(fit_with(damping, {}, frequency), own)
+    assert is_the_plant_again(fit_with(1.05 * damping, {}, 0.97 * frequency), own)
+    assert not is_the_plant_again(fit_with(damping, {}, 1.3 * frequency), own)
+    assert not is_the_plant_again(fit_with(damping, {}, frequency), np.array([-4.0 + 0.0j]))
+
+
+def test_structures_tell_their_poles():
+    # m x'' + c x' + k x = u, and its difference equation under a held input.
+    m, c, k, period = 2.0, 0.8, 50.0, 0.05
+    poles = np.roots([m, c, k])
+    rng = np.random.default_rng(3)
+    record = make_record(rng.standard_normal(300), rng.standard_normal(300), period=period)
+    spring = load_model("mass-spring-damper").with_parameters({}, {"m": m, "c": c, "k": k})
+    physical = PhysicsStructure(record, spring, "rest")
+    fit = replace(fit_with(0.1, {}), point=np.zeros(0))
+    assert np.allclose(np.sort_complex(physical.poles(fit)), np.sort_complex(poles))
+    denominator = np.real(np.poly(np.exp(period * poles)))[1:]
+    linear = LinearStructure(record, 2, initial_state="rest")
+    fit = replace(fit, point=np.array([*denominator, 0.0, 1.0]))
+    assert np.allclose(np.sort_complex(linear.poles(fit)), np.sort_complex(poles))
 
 
 def test_least_damping_is_that_of_the_continuous_mode():

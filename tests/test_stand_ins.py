@@ -109,3 +109,21 @@ def test_a_gain_in_proportion_to_the_output_is_not_the_bounded_one(gain, verdict
         make_record(u, y, period=1.0), order=1, initial_state="rest", effects=["op_gain", "in_saturation"]
     )
     assert found.verdict == verdict
+
+
+@pytest.mark.parametrize(("width", "verdict"), [(0.6, "unexplained"), (0.3, "missing-effect")])
+def test_a_relay_with_play_that_never_rests_is_a_hysteresis_that_nobody_listed(width, verdict):
+    """Behind a relay of levels -1, 0 and 1 play of more than a half holds what was, of less it yields."""
+    rng = np.random.default_rng(5)
+    u = lfilter([0.3], [1.0, -0.7], rng.standard_normal(N))
+    driving = np.where(np.abs(u) > 0.2, np.sign(u), 0.0)
+    x, late = 0.0, np.empty(N)
+    for k, value in enumerate(driving):
+        x = min(max(x, value - width), value + width)
+        late[k] = x
+    y = lfilter([0.0, 0.5, 0.2], [1.0, -1.2, 0.5], late)
+    y = y + 0.02 * np.std(y) * rng.standard_normal(N)
+    found = sysid.diagnose(
+        make_record(u, y, period=1.0), order=2, initial_state="rest", effects=["in_relay", "in_backlash"]
+    )
+    assert found.verdict == verdict

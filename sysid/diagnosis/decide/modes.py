@@ -1,10 +1,8 @@
 """Whether an added mode is one: beside an effect, other paths stand for what is unknown."""
 
-from typing import Any
-
 import numpy as np
 
-from sysid.diagnosis.structures.structure import StructureFit
+from sysid.diagnosis.structures.structure import Complexes, StructureFit
 
 MODE, LAG = "extra_mode", "out_lowpass"
 # A mode of more damping has no peak to speak of in its response.
@@ -52,7 +50,7 @@ def settles(fit: StructureFit, seconds: float) -> bool:
     return all(p.value < seconds for p in fit.parameters_of(LAG) if p.name == "time_constant")
 
 
-def is_the_plant_again(fit: StructureFit, period: float) -> bool:
+def is_the_plant_again(fit: StructureFit, poles: Complexes) -> bool:
     """Tell whether the added mode is where a mode of the model is.
 
     Two like paths, one of them behind a map of the input, are one path behind another map: a limit is the
@@ -62,16 +60,14 @@ def is_the_plant_again(fit: StructureFit, period: float) -> bool:
     ----------
     fit : StructureFit
         With the effect ``extra_mode``.
-    period : float
-        Sampling period [s].
+    poles : ndarray of complex
+        Of the model without effects [1/s].
     """
     values = {p.name: p.value for p in fit.parameters_of(MODE)}
     damping = min(values["damping"], 1.0)
-    added = -values["frequency"] * period * complex(damping, np.sqrt(1.0 - damping**2))
-    own = _logarithms(_denominator(fit))
-    return bool(
-        (np.minimum(np.abs(own - added), np.abs(own - added.conjugate())) < SAME_PLACE * np.abs(own)).any()
-    )
+    added = values["frequency"] * complex(-damping, np.sqrt(1.0 - damping**2))
+    own = poles[poles.imag > 0.0]
+    return bool((np.abs(own - added) < SAME_PLACE * np.abs(own)).any())
 
 
 def least_damping(denominator: list[float]) -> float:
@@ -88,7 +84,7 @@ def least_damping(denominator: list[float]) -> float:
     return float(np.min(-logarithms.real / np.abs(logarithms), initial=1.0))
 
 
-def _logarithms(denominator: list[float]) -> "np.ndarray[Any, np.dtype[np.complex128]]":
+def _logarithms(denominator: list[float]) -> Complexes:
     """Return the logarithms of the complex poles."""
     poles = np.roots([1.0, *denominator]).astype(complex)
     return np.asarray(np.log(poles[(poles.imag != 0.0) & (poles != 0.0)]))

@@ -9,9 +9,9 @@ from sysid.diagnosis.decide.evidence import chance_of
 from sysid.diagnosis.decide.modes import MODE, is_the_plant_again, rings, settles, swings
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.effects.base import EffectParameter, Floats
-from sysid.diagnosis.structures.structure import Choice, Effort, StructureFit
+from sysid.diagnosis.effects.input_maps import SWITCHES
+from sysid.diagnosis.structures.structure import Choice, Effort, Oscillating, Structure, StructureFit
 
-SWITCHES = ("in_relay", "in_hysteresis")
 # An input is at one of two levels, or at rest, within this share of what is between them; so many of the rows
 # in which it is not at rest are at a level.
 SAME_LEVEL, NEARLY_ALL = 0.05, 0.98
@@ -34,24 +34,27 @@ def stand_in(evidence: Evidence, fit: StructureFit, composed: bool, coloured: bo
     """
     record = evidence.structure.record
     return (
-        _is_another_path(record, fit, composed, coloured)
+        _is_another_path(evidence.structure, fit, composed, coloured)
         or only_switch(record, fit)
+        or is_hysteresis(record, fit)
         or _asks_for_more(evidence, fit)
     )
 
 
-def _is_another_path(record: Record, fit: StructureFit, composed: bool, coloured: bool) -> bool:
+def _is_another_path(structure: Structure, fit: StructureFit, composed: bool, coloured: bool) -> bool:
     """Tell whether an added mode or a slow sensor is but a path that takes up what nobody listed.
 
     A mode that does not ring may be a slow path of the plant; beside another effect, or beside noise that has
     a memory, it is more likely to follow what these leave.
     """
-    if not (swings(fit, record.longest) and settles(fit, record.longest)):
+    longest = structure.record.longest
+    if not (swings(fit, longest) and settles(fit, longest)):
         return True
     if MODE not in fit.names:
         return False
-    again = composed and is_the_plant_again(fit, record.period)
-    return again or ((composed or coloured) and not rings(fit))
+    if composed and isinstance(structure, Oscillating) and is_the_plant_again(fit, structure.poles(fit)):
+        return True
+    return (composed or coloured) and not rings(fit)
 
 
 def only_switch(record: Record, fit: StructureFit) -> bool:
@@ -59,15 +62,31 @@ def only_switch(record: Record, fit: StructureFit) -> bool:
 
     A limit below all that comes in, or a jump beside which the slope is lost, is a relay.
     """
-    maps = [choice for choice in fit.choices if choice.effect.port == "input" and choice.form.apply]
-    if not maps or any(choice.name in SWITCHES for choice in fit.choices):
+    if any(choice.name in SWITCHES for choice in fit.choices):
         return False
-    u = record.u[:, 0]
-    mapped = np.concatenate([_mapped(u[part], maps, fit, record.period) for part in record.slices])
-    return _is_switched(mapped[record.learning]) and not _is_switched(u[record.learning])
+    return _is_switched(_mapped(record, fit)) and not _is_switched(record.u[record.learning, 0])
 
 
-def _mapped(u: Floats, maps: list[Choice], fit: StructureFit, period: float) -> Floats:
+def is_hysteresis(record: Record, fit: StructureFit) -> bool:
+    """Tell whether a relay and a backlash are one switch: on at one level, off at another, never at rest.
+
+    Play behind a relay holds its last level while the relay is at rest, and a relay behind play turns where
+    the play is used up.
+    """
+    if not {"in_relay", "in_backlash"} <= set(fit.names):
+        return False
+    mapped = _mapped(record, fit)
+    return _is_switched(mapped) and bool(np.mean(np.abs(mapped) > SAME_LEVEL * np.ptp(mapped)) >= NEARLY_ALL)
+
+
+def _mapped(record: Record, fit: StructureFit) -> Floats:
+    """Return what the maps of a fit make of the input, on the rows that may be learnt from."""
+    maps = [choice for choice in fit.choices if choice.effect.port == "input" and choice.form.apply]
+    u = [_through(record.u[part, 0], maps, fit, record.period) for part in record.slices]
+    return np.concatenate(u)[record.learning]
+
+
+def _through(u: Floats, maps: list[Choice], fit: StructureFit, period: float) -> Floats:
     """Return what maps make of the input of one experiment."""
     for choice in maps:
         assert choice.form.apply is not None

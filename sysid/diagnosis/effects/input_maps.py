@@ -7,6 +7,8 @@ from sysid.diagnosis.effects.base import Effect, EffectParameter, Floats, Form, 
 LEVELS = Grid("input quantile", (0.1, 0.25, 0.4, 0.55, 0.7, 0.8, 0.9, 0.96))
 WIDTHS = Grid("input quantile", (0.03, 0.08, 0.15, 0.25, 0.4, 0.55, 0.7))
 THRESHOLDS = Grid("input quantile", (0.0, 0.05, 0.12, 0.2, 0.3, 0.42, 0.55, 0.7, 0.82, 0.92))
+# Effects that put out one of a few values.
+SWITCHES = ("in_relay", "in_hysteresis")
 BOOK = "Nordin & Gutman (2002), Automatica 38; Bai (2002), Automatica 38"
 
 

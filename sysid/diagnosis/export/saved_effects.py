@@ -8,7 +8,8 @@ from typing import Any
 
 from sysid.diagnosis.effects.base import Effect
 from sysid.diagnosis.effects.catalogue import effect_of_table, find_effects
-from sysid.diagnosis.physics.laws import SWITCHES, with_level
+from sysid.diagnosis.effects.input_maps import SWITCHES
+from sysid.diagnosis.physics.laws import with_level
 from sysid.diagnosis.structures.structure import Choice
 
 DIVERGES = "the model diverges for this input: keep it within the range it was fitted on"

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.effects.input_maps import SWITCHES
 from sysid.diagnosis.export.saved_physics import SavedPhysicalModel
 from sysid.diagnosis.export.standalone import helpers_for, map_source
-from sysid.diagnosis.physics.laws import SWITCHES
 from sysid.errors import ModelError
 from sysid.physics import forced_kernels as fk
 from sysid.physics.forced import MOST_STATES, ForcedPlant

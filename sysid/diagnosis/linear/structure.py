@@ -38,7 +38,7 @@ from sysid.diagnosis.linear.thresholds import cells_around
 from sysid.diagnosis.structures.exercised import shows
 from sysid.diagnosis.structures.memory import Fits, Memory, key_of
 from sysid.diagnosis.structures.sides import with_forms_of
-from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit, kept_and_new
+from sysid.diagnosis.structures.structure import WHITE, Choice, Complexes, Effort, StructureFit, kept_and_new
 from sysid.diagnosis.structures.work import Steps, Work
 from sysid.errors import DataError, UsageError
 from sysid.linear.output_error import fit_output_error
@@ -345,6 +345,11 @@ class LinearStructure:
         if run is None:
             return np.full(u.size, np.inf), np.zeros((u.size, point.size))
         return run.y, chain.jacobian(chosen, point, run).T
+
+    def poles(self, fit: StructureFit) -> Complexes:
+        """Return the poles [1/s] of the model without effects."""
+        roots = np.roots([1.0, *fit.point[: self.order]]).astype(complex)
+        return np.asarray(np.log(roots[roots != 0.0]) / self.record.period)
 
     def equation(self, fit: StructureFit) -> str:
         """Return the model's equation with its effects, for a reader."""

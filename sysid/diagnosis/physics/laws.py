@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from sysid.diagnosis.effects.base import Effect, EffectParameter, Floats, Grid, Map
+from sysid.diagnosis.effects.input_maps import SWITCHES
 from sysid.diagnosis.structures.structure import Choice
 from sysid.physics.forced import law
 from sysid.physics.own_laws import OwnLaw
@@ -46,8 +47,6 @@ _SUMS = ("friction_forward", "friction_back", "breakaway", "drag", "cubic", "con
 # Forces that a model which is not linear can take, too.
 SMOOTH_LAWS = ("quad_drag", "cubic_stiffness", "gravity_sine", "constant_force")
 INNER = ("force", "gain", "flow")
-# Effects that put out one of a few values.
-SWITCHES = ("in_relay", "in_hysteresis")
 # A speed, scale or stiffness much below this share of what occurs makes a law a jump.
 SMALLEST_SHAPE = 1e-3
 

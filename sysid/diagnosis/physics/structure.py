@@ -9,6 +9,7 @@ from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
+from sysid.diagnosis.effects.input_maps import SWITCHES
 from sysid.diagnosis.physics.budget import Budget
 from sysid.diagnosis.physics.cells import with_thresholds_between, within_cells
 from sysid.diagnosis.physics.descents import (
@@ -28,7 +29,7 @@ from sysid.diagnosis.physics.directions import directions, probes
 from sysid.diagnosis.physics.equation import equation_text
 from sysid.diagnosis.physics.free_run import free_run, runs
 from sysid.diagnosis.physics.hold import SMOOTHER, band_limited
-from sysid.diagnosis.physics.laws import SWITCHES, with_level
+from sysid.diagnosis.physics.laws import with_level
 from sysid.diagnosis.physics.lengthening import lengthened
 from sysid.diagnosis.physics.offered import has_free_gain, makes_sense
 from sysid.diagnosis.physics.parameters import named_parameters, standard_errors
@@ -42,12 +43,13 @@ from sysid.diagnosis.physics.steps import enough_steps
 from sysid.diagnosis.structures.memory import Fits, key_of
 from sysid.diagnosis.structures.rows import rows_of_search
 from sysid.diagnosis.structures.sides import with_forms_of
-from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit, kept_and_new
+from sysid.diagnosis.structures.structure import WHITE, Choice, Complexes, Effort, StructureFit, kept_and_new
 from sysid.diagnosis.structures.work import Work
 from sysid.errors import IdentifiabilityError, ModelError
 from sysid.physics.forced import ForcedPlant
 from sysid.physics.general import GeneralPlant, is_general
 from sysid.physics.model import Model
+from sysid.physics.simulation import linearised_poles
 from sysid.separable.descent import Minimum, Residual
 
 # Draws around the nominal values; more where no two searches agree.
@@ -370,6 +372,11 @@ class PhysicsStructure:
     def earlier_probes(self, fit: StructureFit) -> Floats:
         """Return directions that hold the input of earlier rows only, as an effect of the plant does."""
         return probes(self.setting, fit, since=1)
+
+    def poles(self, fit: StructureFit) -> Complexes:
+        """Return the poles [1/s] of the model without effects, linearised at rest."""
+        values = dict(zip(self.setting.plant.names, self.setting.values_of(fit.point).tolist(), strict=True))
+        return linearised_poles(self.model, values, self.setting.rest, np.zeros(len(self.model.inputs)))
 
     def equation(self, fit: StructureFit) -> str:
         """Return the model's equation with its effects, for a reader."""

@@ -6,6 +6,7 @@ from enum import IntEnum
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data import Record
 from sysid.data.record import Mask
@@ -13,6 +14,7 @@ from sysid.diagnosis.effects.base import Effect, Floats, Form
 from sysid.diagnosis.structures.rows import runs_of
 from sysid.diagnosis.structures.whitening import opening
 
+Complexes = NDArray[np.complex128]
 # D(q) of noise without a memory: what is fitted is the plain free-run error.
 WHITE = np.ones(1)
 
@@ -249,6 +251,15 @@ class Stepped(Protocol):
 
     def with_fine_steps(self, fit: StructureFit, noise: Floats) -> StructureFit:
         """Return a fit moved to where it is best with steps as fine as the noise asks."""
+        ...
+
+
+@runtime_checkable
+class Oscillating(Protocol):
+    """A structure whose models have poles."""
+
+    def poles(self, fit: StructureFit) -> Complexes:
+        """Return the poles [1/s] of the model without effects, of one that is not linear at rest."""
         ...
 
 
