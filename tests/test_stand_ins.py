@@ -127,3 +127,4 @@ def test_a_relay_with_play_that_never_rests_is_a_hysteresis_that_nobody_listed(w
         make_record(u, y, period=1.0), order=2, initial_state="rest", effects=["in_relay", "in_backlash"]
     )
     assert found.verdict == verdict
+    assert ("something else than its name says" in found.advice) == (verdict == "unexplained")

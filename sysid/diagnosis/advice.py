@@ -11,6 +11,7 @@ from sysid.diagnosis.wording import percent
 
 # An experiment tells two candidates apart if their outputs differ by so many deviations of the noise.
 LEAST_SEPARATION = 4.0
+STANDS_IN = ", but at the values found that is something else than its name says"
 CUT_SHORT = (
     " The search ended before all combinations of effects were tried, for its simulations had taken as many "
     "steps as a search is given: go on to its end with --thorough (thorough=True)."
@@ -37,6 +38,7 @@ def _by_verdict(structure: Structure, decision: Decision, accepted: Sequence[str
         left = f"{percent(decision.left_share)} of the explainable error"
         tried = " and ".join(decision.rejected)
         closest = f"with {tried} {left} is left" if tried else f"{left} is left"
+        closest += STANDS_IN if decision.stands_in else ""
         return (
             f"The model lacks something that no candidate explains ({closest}). Where a free-form curve at a "
             "port removes much of the error, --draft FILE writes it as an effect to edit and to give with "
