@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.data import Record
+from sysid.data.record import Mask
 from sysid.diagnosis.decide.evidence import chance_of
 from sysid.diagnosis.decide.modes import MODE, is_the_plant_again, rings, settles, swings
 from sysid.diagnosis.decide.residual_evidence import Evidence
@@ -35,8 +36,8 @@ def stand_in(evidence: Evidence, fit: StructureFit, composed: bool, coloured: bo
     record = evidence.structure.record
     return (
         _is_another_path(evidence.structure, fit, composed, coloured)
-        or only_switch(record, fit)
-        or is_hysteresis(record, fit)
+        or _is_only_a_switch(record, fit)
+        or _is_hysteresis(record, fit)
         or _asks_for_more(evidence, fit)
     )
 
@@ -57,7 +58,7 @@ def _is_another_path(structure: Structure, fit: StructureFit, composed: bool, co
     return (composed or coloured) and not rings(fit)
 
 
-def only_switch(record: Record, fit: StructureFit) -> bool:
+def _is_only_a_switch(record: Record, fit: StructureFit) -> bool:
     """Tell whether maps of the input leave no more of it than a switch does, which is none of them.
 
     A limit below all that comes in, or a jump beside which the slope is lost, is a relay.
@@ -67,7 +68,7 @@ def only_switch(record: Record, fit: StructureFit) -> bool:
     return _is_switched(_mapped(record, fit)) and not _is_switched(record.u[record.learning, 0])
 
 
-def is_hysteresis(record: Record, fit: StructureFit) -> bool:
+def _is_hysteresis(record: Record, fit: StructureFit) -> bool:
     """Tell whether a relay and a backlash are one switch: on at one level, off at another, never at rest.
 
     Play behind a relay holds its last level while the relay is at rest, and a relay behind play turns where
@@ -76,7 +77,7 @@ def is_hysteresis(record: Record, fit: StructureFit) -> bool:
     if not {"in_relay", "in_backlash"} <= set(fit.names):
         return False
     mapped = _mapped(record, fit)
-    return _is_switched(mapped) and bool(np.mean(np.abs(mapped) > SAME_LEVEL * np.ptp(mapped)) >= NEARLY_ALL)
+    return _is_switched(mapped) and bool(np.mean(_moved(mapped)) >= NEARLY_ALL)
 
 
 def _mapped(record: Record, fit: StructureFit) -> Floats:
@@ -97,10 +98,14 @@ def _through(u: Floats, maps: list[Choice], fit: StructureFit, period: float) ->
 
 def _is_switched(signal: Floats) -> bool:
     """Tell whether a signal is at its least or its largest value nearly always when it is not at rest."""
-    same = SAME_LEVEL * float(np.ptp(signal))
-    moved = signal[np.abs(signal) > same]
+    moved = signal[_moved(signal)]
     away = np.minimum(moved - signal.min(), signal.max() - moved)
-    return bool(moved.size and np.mean(away <= same) >= NEARLY_ALL)
+    return bool(moved.size and np.mean(away <= SAME_LEVEL * np.ptp(signal)) >= NEARLY_ALL)
+
+
+def _moved(signal: Floats) -> Mask:
+    """Return where a signal is not at rest."""
+    return np.abs(signal) > SAME_LEVEL * np.ptp(signal)
 
 
 def _asks_for_more(evidence: Evidence, fit: StructureFit) -> bool:

@@ -41,28 +41,33 @@ def _quadratic(y: Floats, p: Floats, period: float) -> Floats:
     return np.asarray(y + p[0] * y**2)
 
 
+def _periods_per_lag(p: Floats, period: float) -> float:
+    """Return the sampling period over the time constant, which is not let vanish."""
+    return float(period / max(p[0], 1e-3 * period))
+
+
 def _low_pass(y: Floats, p: Floats, period: float) -> Floats:
     from sysid.diagnosis.effects.maps import low_pass
 
-    return np.asarray(low_pass(y, np.exp(-period / max(p[0], 1e-3 * period)), 0.0))
+    return np.asarray(low_pass(y, np.exp(-_periods_per_lag(p, period)), 0.0))
 
 
 def _low_pass_in_motion(y: Floats, p: Floats, period: float) -> Floats:
     from sysid.diagnosis.effects.maps import low_pass
 
-    return np.asarray(low_pass(y, np.exp(-period / max(p[0], 1e-3 * period)), y[0]))
+    return np.asarray(low_pass(y, np.exp(-_periods_per_lag(p, period)), y[0]))
 
 
 def _low_pass_straight(y: Floats, p: Floats, period: float) -> Floats:
     from sysid.diagnosis.effects.maps import low_pass_straight
 
-    return np.asarray(low_pass_straight(y, period / max(p[0], 1e-3 * period), 0.0))
+    return np.asarray(low_pass_straight(y, _periods_per_lag(p, period), 0.0))
 
 
 def _low_pass_straight_in_motion(y: Floats, p: Floats, period: float) -> Floats:
     from sysid.diagnosis.effects.maps import low_pass_straight
 
-    return np.asarray(low_pass_straight(y, period / max(p[0], 1e-3 * period), y[0]))
+    return np.asarray(low_pass_straight(y, _periods_per_lag(p, period), y[0]))
 
 
 LAG = EffectParameter(
