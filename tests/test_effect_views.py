@@ -7,6 +7,8 @@ from scipy.integrate import solve_ivp
 import sysid
 from sysid.data import make_record
 from sysid.diagnosis.effect_views import effect_views
+from sysid.diagnosis.effect_views.probing import is_instantaneous
+from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.pages.figures_effects import effect_pictures
 
 PERIOD, N = 0.1, 900
@@ -173,3 +175,10 @@ def test_an_effect_that_is_a_number_alone_has_no_picture():
     )
     assert found.accepted == ("feedthrough",)
     assert effect_views(found.final) == ()
+
+
+def test_play_behind_a_relay_is_not_instantaneous_although_few_rows_are_at_rest():
+    seen = 2.0 * np.random.default_rng(2).choice([-1.0, 0.0, 1.0], 1800, p=[0.47, 0.06, 0.47])
+    (play,) = find_effects(["in_backlash"])
+    assert not is_instantaneous(lambda s: play.forms[0].apply(s, np.array([1.026]), 1.0), seen)
+    assert is_instantaneous(np.abs, seen)
