@@ -151,6 +151,16 @@ def test_friction_differs_by_direction():
     assert back == pytest.approx(-0.9, rel=1e-9)
 
 
+def test_a_stuck_shaft_is_let_go_to_the_side_where_nothing_holds_it():
+    """At the edge the holding force is zero but for rounding, so that its sign says nothing."""
+    plant = ForcedPlant(load_model("dc-motor"), 0.18)
+    values = np.array([[0.16, 0.0055, 0.75, 0.16, 3.8]])
+    u = 2.0 * np.random.default_rng(1).standard_normal(80)
+    one_sided = law(friction_forward=0.5)[np.newaxis]
+    coarse, fine = (plant.run(values, one_sided, u, substeps=steps)[0] for steps in (15, 150))
+    assert np.abs(coarse - fine).max() < 1e-4 * np.std(fine)
+
+
 @pytest.mark.parametrize("bend", [0.0, -1.4, 0.6])
 def test_a_presliding_contact_agrees_with_scipy(bend):
     u, period = levels(50, 5), 0.1

@@ -225,40 +225,48 @@ def rates_at(w: Floats, n: int, same: bool, z: State, dry: bool, own: OwnKernel)
 
 @part_of_kernels
 def time_of_event(
-    w: Floats, n: int, same: bool, z: State, mode: int, near: float, far: float, own: OwnKernel
+    w: Floats, n: int, same: bool, z: State, mode: int, near: float, far: float, end: State, own: OwnKernel
 ) -> tuple[float, State]:
-    """Return the step at whose end the mode ends, and the state there, by the Illinois regula falsi."""
-    at_near = margin(w, n, same, called_step(w, n, same, z, mode, near, own) if near > 0.0 else z, mode, own)
-    end = called_step(w, n, same, z, mode, far, own)
-    at_far = margin(w, n, same, end, mode, own)
-    size, middle, side = at_near - at_far, far, 0
+    """Return the step at whose end the mode ends, and the state there; ``end`` is that after ``far``.
+
+    Each parabola has the margin, and its slope, of the last point, and the margin at the nearest one on the
+    other side, so that its root lies between them.  A body that slides slows down at a known rate; the slope
+    of a holding force is that of a secant.
+    """
+    other, at_other = near, margin(w, n, same, z, mode, own)
+    if near > 0.0:
+        at_other = margin(w, n, same, called_step(w, n, same, z, mode, near, own), mode, own)
+    last, value = far, margin(w, n, same, end, mode, own)
+    before, at_before, size = other, at_other, at_other - value
     for _ in range(ROOT_STEPS):
-        middle = (near * at_far - far * at_near) / (at_far - at_near)
-        end = called_step(w, n, same, z, mode, middle, own)
-        value = margin(w, n, same, end, mode, own)
-        if abs(value) <= EVENT_TOLERANCE * size or far - near <= 1e-15 * far:
-            break
-        if value > 0.0:
-            near, at_near = middle, value
-            if side == 1:
-                at_far *= 0.5
-            side = 1
+        if mode == STUCK:
+            slope = (value - at_before) / (last - before)
         else:
-            far, at_far = middle, value
-            if side == -1:
-                at_near *= 0.5
-            side = -1
-    return middle, end
+            slope = mode * rates(w, n, same, end, mode, own)[0]
+        width = other - last
+        bend = (at_other - value - slope * width) / (width * width)
+        root = math.sqrt(max(slope * slope - 4.0 * bend * value, 0.0))
+        before, at_before = last, value
+        last -= 2.0 * value / (slope - math.copysign(root, value * width))
+        end = called_step(w, n, same, z, mode, last, own)
+        value = margin(w, n, same, end, mode, own)
+        if abs(value) <= EVENT_TOLERANCE * size or abs(last - before) <= 1e-15 * far:
+            break
+        if value * at_before < 0.0:
+            other, at_other = before, at_before
+    return last, end
 
 
 @part_of_kernels
 def cut_step(
-    w: Floats, n: int, same: bool, z: State, mode: int, step: float, own: OwnKernel
+    w: Floats, n: int, same: bool, z: State, trial: State, mode: int, step: float, own: OwnKernel
 ) -> tuple[State, int, int]:
-    """Return state, mode and number of changes after a step cut where sliding turns or sticking ends."""
+    """Return state, mode and number of changes after a step cut where sliding turns or sticking ends.
+
+    ``trial`` is the state after the whole step, were there no change.
+    """
     left = step
     for changes in range(MOST_EVENTS):
-        trial = called_step(w, n, same, z, mode, left, own)
         if not margin(w, n, same, trial, mode, own) < 0.0:
             return trial, mode, changes
         near, far = 0.0, left
@@ -266,24 +274,28 @@ def cut_step(
             # The body has just begun to move: look for a shorter step after which it still does.
             near = 0.5 * left
             while near > 1e-9 * step:
-                if margin(w, n, same, called_step(w, n, same, z, mode, near, own), mode, own) > 0.0:
+                nearer = called_step(w, n, same, z, mode, near, own)
+                if margin(w, n, same, nearer, mode, own) > 0.0:
                     break
-                far, near = near, 0.5 * near
+                far, near, trial = near, 0.5 * near, nearer
             else:
                 near = -1.0
         before, taken = mode, 0.0
         if near >= 0.0:
-            taken, z = time_of_event(w, n, same, z, mode, near, far, own)
+            taken, z = time_of_event(w, n, same, z, mode, near, far, trial, own)
         z = (0.0, z[1], z[2], z[3], z[4])
         left -= taken
         mode = mode_at_zero(w, n, same, z, own)
         if before == STUCK and mode == STUCK:  # at the edge to rounding: the force goes on growing
-            mode = -1 if holding_force(w, n, same, z, own) > 0.0 else 1
+            middle = 0.5 * (breaking_force(w, -1) - breaking_force(w, 1))
+            mode = -1 if holding_force(w, n, same, z, own) > middle else 1
         elif near < 0.0 and mode == before:  # it cannot move to this side, nor to the other
             mode = STUCK
         if left <= 0.0:
             return z, mode, changes + 1
-    trial = called_step(w, n, same, z, STUCK, left, own)
+        trial = called_step(w, n, same, z, mode, left, own)
+    if mode != STUCK:
+        trial = called_step(w, n, same, z, STUCK, left, own)
     return (0.0, trial[1], trial[2], trial[3], trial[4]), STUCK, MOST_EVENTS
 
 
@@ -362,12 +374,11 @@ def forced_runs(
                 if not dry:
                     z = spilled(w, fourth_order_step(w, n, same, z, SMOOTH, step, own))
                     continue
-                if mode != STUCK:
-                    trial = fourth_order_step(w, n, same, z, mode, step, own)
-                    if mode * trial[0] >= 0.0:
-                        z = trial
-                        continue
-                z, mode, changes = cut_step(w, n, same, z, mode, step, own)
+                trial = fourth_order_step(w, n, same, z, mode, step, own)
+                if mode != STUCK and mode * trial[0] >= 0.0:
+                    z = trial
+                    continue
+                z, mode, changes = cut_step(w, n, same, z, trial, mode, step, own)
                 chatter += changes
 
 

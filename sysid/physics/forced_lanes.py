@@ -186,7 +186,7 @@ def group_runs(
                         lasts = not (forwards or holding > breaking_force(rows[i], -1))
                     if not lasts:
                         z = state_of(w, Z * WIDTH + i)
-                        end, mode[i], changes = cut_step(rows[i], n, same, z, mode[i], step, none)
+                        end, mode[i], changes = cut_step(rows[i], n, same, z, trial, mode[i], step, none)
                         chatter[i] += changes
                         for j in range(MOST_STATES + 1):
                             w[(AFTER + j) * WIDTH + i] = end[j]
