@@ -5,6 +5,7 @@ from functools import partial
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.extending import intrinsic
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 
@@ -82,3 +83,21 @@ def called_by_kernels(signature: str) -> Callable[[Kernel], Kernel]:
             return cast(Kernel, numba.cfunc(signature)(function))
 
     return decorate
+
+
+def _without_count(_: Any, array: Any) -> Any:
+    """Return the signature of `uncounted` for one type of array, and what generates its code."""
+
+    def generate(context: Any, builder: Any, _: Any, values: Any) -> Any:
+        held = context.make_array(array)(context, builder, values[0])
+        held.meminfo = held.meminfo.type(None)
+        return held._getvalue()
+
+    return array(array), generate
+
+
+uncounted: Any = intrinsic(_without_count)
+"""In a kernel, the array that it was given, but nobody counts who refers to its rows: its caller holds it.
+
+Cores agree about each count, which takes longer than most of what is done with a row.
+"""

@@ -6,6 +6,7 @@ import pytest
 from forced_reference import stick_slip
 from scipy.integrate import solve_ivp
 
+from sysid._compile import uncounted
 from sysid.errors import ModelError
 from sysid.physics import Simulator, forced_kernels, forced_steps, load_model
 from sysid.physics.forced import NO_LAW, ForcedPlant, law
@@ -329,6 +330,21 @@ def test_curves_without_calls_are_those_of_the_library() -> None:
     np.testing.assert_allclose(waves, np.sin(x), rtol=0, atol=2e-13)
     np.testing.assert_allclose(limited, np.tanh(x), rtol=0, atol=2e-14)
     np.testing.assert_allclose(falls, np.exp(-np.abs(x)), rtol=2e-14, atol=1e-17)
+
+
+def test_rows_are_read_and_written_without_counting_who_refers_to_them():
+    @numba.njit
+    def doubled(x):
+        rows = uncounted(x)
+        for i in range(x.shape[0]):
+            rows[i, 0] *= 2.0
+        return rows[1]
+
+    x = np.ones((3, 2))
+    row = doubled(x)
+    np.testing.assert_array_equal(x[:, 0], 2.0)
+    assert np.shares_memory(row, x)
+    assert row.base is None  # which is why it must not outlive what the caller holds
 
 
 def test_the_first_run_compiles_each_part_of_a_kernel_once():

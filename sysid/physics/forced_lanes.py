@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid._compile import compiled, inlined, part_of_kernels
+from sysid._compile import compiled, inlined, part_of_kernels, uncounted
 from sysid.linear.forms import Floats
 from sysid.physics import forced_kernels as fk
 from sysid.physics.forced_kernels import (
@@ -63,6 +63,7 @@ def lane_runs(
     states: Floats,
 ) -> None:
     """Simulate several runs; arguments as those of `forced_kernels.forced_runs`."""
+    plants = plants.copy()  # a kernel fills in what drives each lane
     curve, size, none = _costly(plants), 4 if n > 2 else 2, kernel_of(NO_OWN_LAW)
     levelled, stepped, drifted = curve in (LEVELS, ALL), step_of_all(size, curve), drift_of_all(size)
     for first in range(0, plants.shape[0], WIDTH):
@@ -111,13 +112,13 @@ def group_runs(
     drifted: Any,
     none: OwnKernel,
 ) -> None:
-    """Simulate up to WIDTH runs."""
+    """Simulate up to WIDTH runs; where the drive stands in ``plants`` it is filled in."""
     lanes, m = plants.shape[0], u.shape[2]
     width = lanes if lanes <= FEW else (HALF if lanes <= HALF else WIDTH)
     w = np.zeros(BLOCKS * WIDTH)
     by_block, passed = np.zeros(n * m * WIDTH), np.zeros(m * WIDTH)
     signals, value, drift = np.zeros(m * WIDTH), np.zeros(WIDTH), np.zeros(WIDTH)
-    rows = plants.copy()
+    rows: Floats = uncounted(plants)
     mode, chatter = np.full(WIDTH, SMOOTH), np.zeros(WIDTH, dtype=np.int64)
     dry, alive = np.zeros(WIDTH, dtype=np.bool_), np.zeros(WIDTH, dtype=np.bool_)
     for i in range(width):
