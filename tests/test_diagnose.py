@@ -461,6 +461,27 @@ def test_a_saved_model_with_a_direct_path_inside_simulates_alike_everywhere(tmp_
     assert np.allclose(names["simulate"](u), expected, rtol=1e-11, atol=1e-12)
 
 
+def test_a_saved_model_whose_paths_begin_behind_the_actuator_simulates_alike_everywhere(tmp_path):
+    effects = (
+        SavedEffect("feedthrough", "behind", {"d": 0.4}),
+        SavedEffect("in_backlash", "symmetric", {"width": 0.2}),
+        SavedEffect(
+            "extra_mode",
+            "second order behind",
+            {"frequency": 4.0, "damping": 0.1, "gain_1": 0.2, "gain_2": -0.1},
+        ),
+        SavedEffect("quad_drag", "drag", {"c": 0.3}),
+    )
+    saved = SavedModel((-1.4, 0.6), (0.3, -0.1), 0.02, 0.1, effects)
+    u = np.random.default_rng(0).uniform(-1.0, 1.0, 400)
+    names: dict[str, object] = {}
+    exec(to_python(saved), names)
+    # The same sums in another order.
+    assert np.allclose(names["simulate"](u), saved.simulate(u), rtol=1e-11, atol=1e-12)
+    assert "feedthrough: y = w + d x, where x drives the model (d = 0.4)" in saved.equation()
+    assert "driven by x, as the model is (frequency = 4" in saved.equation()
+
+
 def test_a_direct_path_that_forces_pass_is_found_where_one_beside_leaves_something():
     """A resonance with a stiffening spring, sampled so that its force acts at once, too."""
     rng = np.random.default_rng(3)

@@ -1,5 +1,7 @@
 """Physical models with effects, saved and taken elsewhere: every copy simulates alike."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -60,6 +62,41 @@ def test_a_saved_model_simulates_alike_everywhere(tmp_path, name):
     exec(to_python(saved), names)
     # The same operations, compiled and not: only how sums are contracted differs.
     assert np.allclose(names["simulate"](u), expected, rtol=1e-9, atol=1e-10)
+
+
+@pytest.mark.parametrize("behind", [False, True])
+def test_a_path_beside_a_physical_model_begins_before_or_behind_the_actuator(behind):
+    """Against the held input's exact solution of a resonance, one row after the other."""
+    from scipy.linalg import expm
+
+    mode = {"frequency": 3.0, "damping": 0.1, "gain_1": 0.2, "gain_2": -0.1}
+    saved = by_hand("mass-spring-damper", [])
+    effects = (
+        SavedEffect("feedthrough", "behind" if behind else "direct", {"d": 0.4}),
+        SavedEffect("in_deadzone", "symmetric", {"width": 0.5}),
+        SavedEffect("extra_mode", "second order behind" if behind else "second order", mode),
+    )
+    saved, u = replace(saved, effects=effects), a_signal("")
+    m, c, k = (value for _, value, _ in saved.parameters())
+    A = np.array([[0.0, 1.0, 0.0], [-k / m, -c / m, 1.0 / m], [0.0, 0.0, 0.0]])
+    step, state = expm(0.1 * A), np.zeros(2)
+    x = np.where(np.abs(u) > 0.5, u - 0.5 * np.sign(u), 0.0)
+    given = x if behind else u
+    radius, angle = np.exp(-0.1 * 3.0 * 0.1), 3.0 * 0.1 * np.sqrt(1.0 - 0.01)
+    w, beside = np.zeros(u.size), np.zeros(u.size)
+    for row in range(u.size):
+        for lag, weight in ((1, 0.2), (2, -0.1)):
+            beside[row] += weight * given[row - lag] if row >= lag else 0.0
+        beside[row] += 2.0 * radius * np.cos(angle) * beside[row - 1] if row else 0.0
+        beside[row] -= radius**2 * beside[row - 2] if row > 1 else 0.0
+        w[row] = state[0]
+        state = (step @ [*state, x[row]])[:2]
+    expected = w + 0.4 * given + beside
+    names: dict[str, object] = {}
+    exec(to_python(saved), names)
+    for found in (saved.simulate(u), names["simulate"](u)):
+        assert np.allclose(found, expected, rtol=1e-10, atol=1e-11)
+    assert ("where x drives the model (d = 0.4)" in saved.equation()) == behind
 
 
 def save_text(saved, file):

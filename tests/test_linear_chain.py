@@ -29,6 +29,14 @@ def choice(name, form=0):
     return Choice(effect, effect.forms[form])
 
 
+def named(text):
+    """Return an effect by its name, and where it lies."""
+    name, *form = text.split()
+    (effect,) = find_effects([name])
+    wanted = [each for each in effect.forms if all(getattr(each, word) for word in form)]
+    return Choice(effect, wanted[0])
+
+
 def test_the_free_run_is_the_difference_equation_with_forces():
     data = make_data(experiments=2)
     chain = Chain(2, [choice("quad_drag"), choice("op_gain"), choice("out_quadratic")], True, True)
@@ -81,6 +89,28 @@ def test_forces_pass_a_direct_path_inside_the_equation_and_see_what_it_adds():
         assert np.allclose(run.y[i:j], y, rtol=1e-11, atol=1e-12)
 
 
+@pytest.mark.parametrize("behind", [False, True])
+def test_a_path_beside_the_plant_begins_before_or_behind_the_actuator(behind):
+    data = make_data(experiments=2)
+    forms = ("feedthrough behind", "extra_mode behind") if behind else ("feedthrough", "extra_mode")
+    chain = Chain(2, [named(name) for name in ("in_preload", *forms, "out_quadratic")], False, False)
+    run = chain.run(data, np.concatenate([A, B, [0.3], [0.4], [2.0, 0.1, 0.2, 0.1], [0.1]]))
+    radius, angle = np.exp(-0.1 * 2.0 * data.period), 2.0 * data.period * np.sqrt(1.0 - 0.01)
+    for i, j in zip(data.begin[:-1], data.begin[1:], strict=True):
+        u = data.u[i:j]
+        x = u + 0.3 * np.sign(u)
+        given = x if behind else u
+        z, beside = np.zeros(j - i + 2), np.zeros(j - i + 2)  # two rows at rest before the first
+        for k in range(j - i):
+            past = [x[k - lag] if k >= lag else 0.0 for lag in (1, 2)]
+            z[k + 2] = B @ past - A @ z[[k + 1, k]]
+            seen = [given[k - lag] if k >= lag else 0.0 for lag in (1, 2)]
+            ringing = 2.0 * radius * np.cos(angle) * beside[k + 1] - radius**2 * beside[k]
+            beside[k + 2] = 0.2 * seen[0] + 0.1 * seen[1] + ringing
+        w = z[2:] + 0.4 * given + beside[2:]
+        assert np.allclose(run.y[i:j], w + 0.1 * w**2, rtol=1e-12, atol=1e-13)
+
+
 def test_without_forces_a_direct_path_inside_is_one_beside():
     data = make_data(experiments=2)
     runs = [
@@ -104,14 +134,14 @@ def test_without_forces_a_direct_path_inside_is_one_beside():
         (["feedthrough inside", "cubic_stiffness", "out_quadratic"], [0.4, 0.5, 0.1]),
         (["in_saturation", "quad_drag", "feedthrough inside", "op_gain"], [0.61, 0.4, 0.3, 0.3, 0.8]),
         (["feedthrough inside", "extra_mode", "out_offset"], [0.4, 2.0, 0.1, 0.2, 0.1, 0.3]),
+        (["in_saturation", "extra_mode behind", "out_quadratic"], [0.61, 2.0, 0.1, 0.2, 0.1, 0.1]),
+        (["in_preload", "quad_drag", "feedthrough behind", "op_gain"], [0.3, 0.4, 0.3, 0.3, 0.8]),
+        (["time_variation", "feedthrough behind", "extra_mode behind"], [0.01, 0.3, 2.0, 0.1, 0.2, 0.1]),
     ],
 )
 def test_the_jacobian_is_the_slope_of_the_run(names, values):
     data = make_data(experiments=2)
-    forms = {"inside": 1}
-    chain = Chain(
-        2, [choice(*(forms.get(word, word) for word in name.split())) for name in names], True, True
-    )
+    chain = Chain(2, [named(name) for name in names], True, True)
     point = np.concatenate([A, B, [0.02], [0.1, -0.2, 0.3, 0.05], values])
     J = chain.jacobian(data, point, chain.run(data, point))
     for i in range(point.size):
@@ -147,12 +177,12 @@ def test_the_jacobian_is_the_slope_of_the_run_at_any_order(order, force):
         (["in_preload", "out_quadratic"], [0.3, 0.1]),
         (["extra_mode", "quad_drag"], [2.0, 0.1, 0.2, 0.1, 0.4]),
         (["feedthrough inside", "cubic_stiffness"], [0.4, 0.5]),
+        (["in_preload", "feedthrough behind", "op_gain"], [0.3, 0.4, 0.3, 0.8]),
     ],
 )
 def test_some_lines_of_the_jacobian_are_those_of_all(names, values):
     data = make_data(experiments=2)
-    choices = [choice(word[0], len(word) - 1) for word in (name.split() for name in names)]
-    chain = Chain(2, choices, True, True)
+    chain = Chain(2, [named(name) for name in names], True, True)
     point = np.concatenate([A, B, [0.02], [0.1, -0.2, 0.3, 0.05], values])
     run = chain.run(data, point)
     J = chain.jacobian(data, point, run)

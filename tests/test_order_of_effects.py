@@ -63,3 +63,38 @@ def test_a_longer_search_of_the_same_effects_searches_the_last_one_anew() -> Non
     assert kept_and_new(fit.choices, fit, Effort.REFIT) == (fit.choices, ())
     assert kept_and_new(fit.choices, fit, Effort.COARSE) == (fit.choices[:1], fit.choices[1:])
     assert kept_and_new((), fit, Effort.COARSE) == ((), ())
+
+
+@pytest.mark.parametrize("family", ["linear", "mass-spring-damper"])
+@pytest.mark.parametrize("behind", [False, True])
+def test_where_a_path_beside_the_plant_begins_is_asked_of_the_record(family: str, behind: bool) -> None:
+    from sysid.diagnosis.export.saved_effects import SavedEffect
+    from sysid.diagnosis.export.saved_linear import SavedModel
+    from sysid.diagnosis.export.saved_physics import SavedPhysicalModel
+    from sysid.physics import load_model
+    from sysid.physics.writing import model_text
+
+    form = "behind" if behind else "direct"
+    effects = (
+        SavedEffect("in_deadzone", "symmetric", {"width": 0.5}),
+        SavedEffect("feedthrough", form, {"d": 0.3}),
+    )
+    truth: SavedModel | SavedPhysicalModel = SavedModel((-1.5, 0.7), (0.1, 0.1), 0.0, 0.2, effects)
+    if family != "linear":
+        truth = SavedPhysicalModel(model_text(load_model(family)), 0.2, "zero", 1, effects)
+    rng = np.random.default_rng(1)
+    u = np.repeat(rng.uniform(-2.0, 2.0, 400), 3)
+    y = truth.simulate(u)
+    found = diagnose(
+        make_record(u, y + 0.01 * np.std(y) * rng.standard_normal(u.size), period=0.2),
+        family,
+        2 if family == "linear" else None,
+        initial_state="rest",
+        effects=["in_deadzone", "in_saturation", "feedthrough", "out_quadratic", "in_backlash"],
+    )
+    assert found.verdict == "missing-effect"
+    assert set(found.accepted) == {"in_deadzone", "feedthrough"}
+    (chosen,) = (c for c in found.final.fitted.choices if c.name == "feedthrough")
+    assert chosen.form.name == form
+    (gain,) = found.final.fitted.parameters_of("feedthrough")
+    assert abs(gain.value - 0.3) < 4.0 * gain.std_error < 0.05

@@ -5,6 +5,7 @@ from itertools import product
 
 from sysid.diagnosis.decide.acceptance import is_better_held_out
 from sysid.diagnosis.decide.residual_evidence import Evidence
+from sysid.diagnosis.effects.base import Form
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
 
 
@@ -38,11 +39,15 @@ def refined(evidence: Evidence, fits: Sequence[StructureFit], n_given: int) -> S
     return None
 
 
+def _finer_forms(choice: Choice) -> list[Form]:
+    """Return finer forms of an effect, but for another place among the others, which is tried by itself."""
+    return [form for form in choice.effect.refinements if form != choice.form and not form.behind]
+
+
 def _finer(choices: Sequence[Choice]) -> list[tuple[Choice, ...]]:
     """Return the effects with one or more of them in a finer form, where that makes a difference."""
     options = [
-        (choice, *(Choice(choice.effect, form) for form in choice.effect.refinements if form != choice.form))
-        for choice in choices
+        (choice, *(Choice(choice.effect, form) for form in _finer_forms(choice))) for choice in choices
     ]
     inner = any(choice.effect.port in ("force", "gain") for choice in choices)
     return [

@@ -99,6 +99,19 @@ def reordered(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureF
         if choice.effect.port in MAPS and any(other.effect.port == choice.effect.port for other in behind):
             # A limit stands elsewhere after what it was put before: it is also searched anew.
             fit = _better_from(evidence, fit, (*others, choice), (Effort.REFIT, Effort.COARSE))
+    return _begun_elsewhere(evidence, fit, n_given)
+
+
+def _begun_elsewhere(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:
+    """Let a path beside the plant begin behind the actuator, or before it, where that explains more."""
+    if not any(choice.effect.port == "input" for choice in fit.choices):
+        return fit
+    for place, choice in enumerate(fit.choices[n_given:], n_given):
+        for form in choice.effect.forms if choice.effect.port == "parallel" else ():
+            if form.behind != choice.form.behind and not form.inside:
+                moved = replace(choice, form=form)
+                choices = (*fit.choices[:place], moved, *fit.choices[place + 1 :])
+                fit = _better_from(evidence, fit, choices, (Effort.REFIT,))
     return fit
 
 

@@ -188,6 +188,11 @@ class Form:
         it reaches from there to the model without the effect, so that it would fit too many things.
     inside : bool
         Port ``"parallel"``: whether forces pass it, too, and see what it adds; its only parameter is a gain.
+    behind : bool
+        Port ``"parallel"``: whether it is given what the maps of the input make, not the input itself; it is
+        linear then.
+    equation : str
+        Where that of the effect says it of another form.
     families : tuple of str
         Kinds of models it makes sense for, of those of the effect.
     in_motion : bool
@@ -205,6 +210,8 @@ class Form:
     lowest: float = -np.inf
     refines: bool = False
     inside: bool = False
+    behind: bool = False
+    equation: str = ""
     families: tuple[str, ...] = FAMILIES
     in_motion: bool = False
 

@@ -28,6 +28,18 @@ def _step(u: Floats, p: Floats, period: float) -> Floats:
     return np.asarray(u * (1.0 + p[0] * passed))
 
 
+MODE_PARAMETERS = (
+    EffectParameter(
+        "frequency",
+        "rad/s",
+        "natural frequency",
+        Grid("rate", tuple(float(v) for v in np.geomspace(0.04, 3.0, 24))),
+        minimum=0.0,
+    ),
+    EffectParameter("damping", "1", "damping ratio", Grid("plain", (0.02, 0.1)), 0.0, 0.9),
+    EffectParameter("gain_1", "[y]/[u]", "numerator at one sample"),
+    EffectParameter("gain_2", "[y]/[u]", "numerator at two samples"),
+)
 DIRECT_GAIN = EffectParameter("d", "[y]/[u]", "direct gain")
 
 EFFECTS = (
@@ -40,21 +52,14 @@ EFFECTS = (
         "in_delay shifts without ringing; coloured_noise does not follow the input",
         "Ljung (1999), System Identification",
         (
+            Form("second order", MODE_PARAMETERS, _mode),
             Form(
-                "second order",
-                (
-                    EffectParameter(
-                        "frequency",
-                        "rad/s",
-                        "natural frequency",
-                        Grid("rate", tuple(float(v) for v in np.geomspace(0.04, 3.0, 24))),
-                        minimum=0.0,
-                    ),
-                    EffectParameter("damping", "1", "damping ratio", Grid("plain", (0.02, 0.1)), 0.0, 0.9),
-                    EffectParameter("gain_1", "[y]/[u]", "numerator at one sample"),
-                    EffectParameter("gain_2", "[y]/[u]", "numerator at two samples"),
-                ),
+                "second order behind",
+                MODE_PARAMETERS,
                 _mode,
+                refines=True,
+                behind=True,
+                equation="y = w + mode of second order (frequency, damping) driven by x, as the model is",
             ),
         ),
     ),
@@ -62,13 +67,21 @@ EFFECTS = (
         "feedthrough",
         "parallel",
         "Part of the input reaches the output at once: cross-talk, a resistance, a rigid path.",
-        "y = w + d u; inside: y = w + d (u - forces), and the forces follow y",
+        "y = w + d u; behind the actuator y = w + d x; inside y = w + d (x - forces), which follow y",
         "the residual correlates with the input at lag zero",
         "in_delay correlates at later lags",
         "Ljung (1999), System Identification",
         (
             Form("direct", (DIRECT_GAIN,), _feedthrough),
             Form("inside", (DIRECT_GAIN,), _feedthrough, refines=True, inside=True, families=("linear",)),
+            Form(
+                "behind",
+                (DIRECT_GAIN,),
+                _feedthrough,
+                refines=True,
+                behind=True,
+                equation="y = w + d x, where x drives the model",
+            ),
         ),
     ),
     Effect(

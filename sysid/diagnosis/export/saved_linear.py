@@ -55,7 +55,7 @@ class SavedModel:
 
     def equation(self) -> str:
         """Return the difference equation with its effects, for a reader."""
-        laws = [(effect.choice.effect, effect.parameters) for effect in self.effects]
+        laws = [(effect.choice.written, effect.parameters) for effect in self.effects]
         return equation_text(self.order, True, self.chain()[1], laws)
 
     def visited(self, u: ArrayLike) -> Floats:

@@ -111,7 +111,7 @@ class SavedPhysicalModel:
     def equation(self) -> str:
         """Return the equations of motion with their effects, for a reader."""
         return equation_text(
-            self.model, [(effect.choice.effect, effect.parameters) for effect in self.effects]
+            self.model, [(effect.choice.written, effect.parameters) for effect in self.effects]
         )
 
     def visited(self, u: ArrayLike) -> Floats:
@@ -138,7 +138,8 @@ class SavedPhysicalModel:
     def _run(self, signal: Floats, start: ArrayLike | None, passed: Floats | None = None) -> Floats:
         driven = signal[:, np.newaxis] if signal.ndim == 1 else signal
         first = np.ascontiguousarray(driven[:, 0])
-        driven = np.column_stack([self.applied("input", first), driven[:, 1:]])
+        acting = self.applied("input", first)
+        driven = np.column_stack([acting, driven[:, 1:]])
         laws = self.law[np.newaxis]
         states = None if start is None else np.array(start, dtype=np.float64)[np.newaxis]
         y = self.plant.run(
@@ -146,7 +147,7 @@ class SavedPhysicalModel:
         )[0]
         for choice, p in zip(self.choices, self.own, strict=True):
             if choice.effect.port == "parallel" and choice.form.apply is not None:
-                y = y + choice.form.apply(first, p, self.period)
+                y = y + choice.form.apply(acting if choice.form.behind else first, p, self.period)
         return self.applied("output", y)
 
     def applied(self, port: str, signal: Floats) -> Floats:

@@ -44,7 +44,9 @@ _MAPS = {
     ("out_lowpass", "straight between samples"): "low_pass_straight(s, T / p[0], 0.0)",
     ("out_lowpass", "straight between samples in motion"): "low_pass_straight(s, T / p[0], s[0])",
     ("feedthrough", "direct"): "p[0] * s",
+    ("feedthrough", "behind"): "p[0] * s",
     ("extra_mode", "second order"): "mode(s, p, T)",
+    ("extra_mode", "second order behind"): "mode(s, p, T)",
 }
 
 _HELPERS = {
@@ -119,7 +121,8 @@ def source(model: SavedModel) -> str:
             law = _law(choice.form.expression, saved.parameters)
             ports["drive"].append(f"        acting {sign} {law}\n")
         else:
-            ports[port].append(f"    p = {saved.values!r}\n    s = {map_source(choice)}\n")
+            begins = f"    s = {'x' if choice.form.behind else 'u'}\n" if port == "parallel" else ""
+            ports[port].append(f"{begins}    p = {saved.values!r}\n    s = {map_source(choice)}\n")
     adds = [part + "    y = y + s\n" for part in ports["parallel"]]
     maps = "".join([*ports["input"], *ports["parallel"], *ports["output"]])
     functions = helpers_for(maps)
@@ -136,7 +139,7 @@ def source(model: SavedModel) -> str:
         + "        for i in range(1, min(len(A), k) + 1):\n"
         + "            z[k] += B[i - 1] * v[k - i] - A[i - 1] * z[k - i]\n"
         + _acting("".join(ports["drive"]), direct)
-        + "".join(part.replace("    p =", "    s = u\n    p =", 1) for part in adds)
+        + "".join(adds)
         + "    s = y\n"
         + "".join(ports["output"])
         + "    return s\n"

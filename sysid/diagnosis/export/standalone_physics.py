@@ -76,7 +76,8 @@ def simulate(u):
     u = np.asarray(u, dtype=float)
     columns = u.reshape(u.shape[0], -1)
     s = columns[:, 0]
-{input}    driven = np.column_stack([s, columns[:, 1:]])[np.newaxis]
+{input}    acting = s
+    driven = np.column_stack([acting, columns[:, 1:]])[np.newaxis]
     y, inner = np.empty((1, u.shape[0])), np.empty((1, 0, 4))
     {inner}
     y = y[0]
@@ -102,7 +103,8 @@ def _maps(saved: SavedPhysicalModel, port: str) -> str:
         text = f"{p[-1]!r} * ({text})" if levelled else text
         lines += [f"    p = {numbers!r}", f"    s = {text}"]
         if port == "parallel":
-            lines = [*lines[:-2], "    s = columns[:, 0]", *lines[-2:], "    y = y + s"]
+            begins = "acting" if choice.form.behind else "columns[:, 0]"
+            lines = [*lines[:-2], f"    s = {begins}", *lines[-2:], "    y = y + s"]
     return "".join(line + "\n" for line in lines)
 
 

@@ -54,7 +54,7 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One free run: the input x after its maps, v after forces, z, and the output after each map.
+    """One free run: the input x after its maps, v after forces, z, and the output after each of its maps.
 
     Forces see z: with a direct path inside the equation it holds what that adds.
     """
@@ -170,7 +170,7 @@ class Chain:
             return None
         places, y = self.places(data), z
         for i in self.at["parallel"]:
-            y = y + data.by_experiment(_map(self.choices[i]), data.u, point[places[i]])
+            y = y + data.by_experiment(_map(self.choices[i]), self._given(i, data, x), point[places[i]])
         outputs = [y]
         for i in self.at["output"]:
             outputs.append(data.by_experiment(_map(self.choices[i]), outputs[-1], point[places[i]]))
@@ -231,12 +231,17 @@ class Chain:
         wanted = np.ones(point.size, dtype=bool) if free is None else free
         self.steps.taken += int(np.count_nonzero(wanted)) * data.u.size + JACOBIAN
         slopes = self.drive_slopes(data, point, run, wanted[layout.driving])
-        inputs = self._input_changes(data, point, slopes[0], wanted, len(slopes) - 3)
-        inputs[inputs.shape[0] - len(slopes) + 3 :] = slopes[3:]
+        inputs = self._input_changes(data, point, wanted, len(slopes) - 3)
+        n_maps = inputs.shape[0] - len(slopes) + 3
+        beside = self.past_the_plant(data, point, inputs[:n_maps])
+        inputs[:n_maps] *= slopes[0]
+        inputs[n_maps:] = slopes[3:]
         columns = self.followed(data, point, run, slopes, inputs, wanted[: layout.n_linear])
         J = self._in_order(layout, columns, wanted)
+        if beside is not None:
+            J[(np.cumsum(wanted) - 1)[layout.inputs[wanted[layout.inputs]]]] += beside
         for i in self.at["parallel"]:
-            self._fill_differences(data, i, data.u, point, wanted, J)
+            self._fill_differences(data, i, self._given(i, data, run.x), point, wanted, J)
         for i, before in zip(self.at["output"], run.outputs, strict=False):
             J = self._through(data, i, before, point[layout.places[i]], J)
             self._fill_differences(data, i, before, point, wanted, J)
@@ -275,19 +280,28 @@ class Chain:
             )  # fmt: skip
         return np.asarray(found)
 
+    def _given(self, i: int, data: Data, x: Floats) -> Floats:
+        """Return what a path beside the plant is given: the input, or what its maps make of it."""
+        return x if self.choices[i].form.behind else data.u
+
+    def past_the_plant(self, data: Data, point: Floats, lines: Floats) -> Floats | None:
+        """Return what small changes of x add to the output beside the plant; None where no path takes x."""
+        places, found = self.places(data), None
+        for i in self.at["parallel"]:
+            if self.choices[i].form.behind:
+                apply, p = _map(self.choices[i]), point[places[i]]
+                added = np.array([data.by_experiment(apply, line, p) for line in lines]).reshape(lines.shape)
+                found = added if found is None else found + added
+        return found
+
     def through_sensor(self, data: Data, point: Floats, run: Run, lines: Floats) -> Floats:
         """Return what the maps of the output make of small changes before them."""
         for i, before in zip(self.at["output"], run.outputs, strict=False):
             lines = self._through(data, i, before, point[self.places(data)[i]], lines)
         return lines
 
-    def _input_changes(
-        self, data: Data, point: Floats, slope: Floats, wanted: Mask, n_further: int
-    ) -> Floats:
-        """Return the change of v with each wanted parameter of the input maps, and room for further lines.
-
-        ``slope`` is that of v by x.
-        """
+    def _input_changes(self, data: Data, point: Floats, wanted: Mask, n_further: int) -> Floats:
+        """Return the change of x with each wanted parameter of its maps, and room for further lines."""
         if not self.at["input"]:
             return np.empty((n_further, data.u.size))
         layout = self.layout(data)
@@ -302,7 +316,6 @@ class Chain:
                 return self.mapped(data, shifted)
 
             fill_quotient(mapped, point[row], strength, changes[line])
-        changes[: len(rows)] *= slope
         return changes
 
     def drive_slopes(self, data: Data, point: Floats, run: Run, wanted: Mask) -> Floats:

@@ -40,6 +40,8 @@ def probe_directions(chain: Chain, data: Data, point: Floats, since: int = 0) ->
     slopes = chain.drive_slopes(data, point, run, none[chain.layout(data).driving])
     own = none[: chain.n_linear(data)]
     through = chain.followed(data, point, run, slopes, acting, own)[: len(acting)]
+    beside = chain.past_the_plant(data, point, acting)
+    through = through if beside is None else through + beside
     through = chain.through_sensor(data, point, run, through)
     lags = [data.lagged(data.u, lag) for lag in range(since, 2 * n + EXTRA_LAGS + 1)]
     return np.vstack([functions, through, lags])

@@ -166,7 +166,9 @@ class Problem:
         stepped = lanes * u.shape[0] * steps * self._weight * max(plant.order / USUAL_ORDER, 1.0)
         self.budget.work += int(stepped) + RUN + ROW * u.shape[0]
         y = plant.run(values, laws, driven, starts, steps, states, self.exact, self.own)
-        return self._outputs(y if which is None else y[which], u[:, 0], effects, rounded)
+        if which is not None:
+            y, driven = y[which], driven if driven.ndim == 2 else driven[which]
+        return self._outputs(y, u, driven, effects, rounded)
 
     def _distinct(self, points: Floats) -> tuple[list[int] | None, Floats]:
         """Return which run is each point's, None where all differ, and the points that run differently."""
@@ -216,7 +218,7 @@ class Problem:
         steps, _ = self._steps(values[0])
         starts = self._starts(np.tile(point, (lanes, 1)), number)
         runs = plant.run(values, laws, driven, starts, steps, None, self.exact, self.own)
-        y = self._outputs(runs, u[:, 0], effects, False)
+        y = self._outputs(runs, u, driven, effects, False)
         return np.asarray(y[1:] - y[0])
 
     def _laws(self, effects: Sequence[Sequence[Floats]]) -> Floats:
@@ -251,7 +253,9 @@ class Problem:
         driven[:, :, 0] = lanes
         return driven
 
-    def _outputs(self, y: Floats, u: Floats, effects: Sequence[Sequence[Floats]], rounded: bool) -> Floats:
+    def _outputs(
+        self, y: Floats, u: Floats, driven: Floats, effects: Sequence[Sequence[Floats]], rounded: bool
+    ) -> Floats:
         """Send the output through the sensor's effects, after what runs beside the model is added."""
         beside = [i for i, choice in enumerate(self.choices) if choice.effect.port == "parallel"]
         sensor = [
@@ -259,11 +263,11 @@ class Problem:
             for i, choice in enumerate(self.choices)
             if choice.effect.port == "output" and (rounded or not choice.form.jumps)
         ]
-        u = np.ascontiguousarray(u) if beside else u
         for lane, parameters in enumerate(effects if beside or sensor else ()):
             signal = y[lane]
             for i in beside:
-                signal = signal + self._applied(i, u, parameters[i])
+                given = u if not self.choices[i].form.behind else driven[lane] if driven.ndim == 3 else driven
+                signal = signal + self._applied(i, np.ascontiguousarray(given[:, 0]), parameters[i])
             for i in sensor:
                 signal = self._applied(i, signal, parameters[i])
             y[lane] = signal

@@ -21,7 +21,9 @@ def freer_forms(choice: Choice) -> tuple[Form, ...]:
     >>> freer_forms(Choice(effect, effect.form("two-sided")))
     ()
     """
-    return tuple(form for form in choice.effect.found_by if _sources(choice.form, form) is not None)
+    size = len(choice.form.parameters)
+    larger = (form for form in choice.effect.found_by if len(form.parameters) > size)
+    return tuple(form for form in larger if _sources(choice.form, form) is not None)
 
 
 def with_forms_of(choices: Sequence[Choice], start: StructureFit, places: Sequence[slice]) -> StructureFit:
@@ -52,6 +54,8 @@ def _sources(form: Form, other: Form) -> list[int] | None:
 
     A parameter with two sides is named after the one with the same value on both: ``width_positive``.
     """
+    if other.behind != form.behind and other.parameters == form.parameters:
+        return list(range(len(form.parameters)))
     if len(other.parameters) <= len(form.parameters):
         return None
     places = []

@@ -1,7 +1,7 @@
 """What the decision logic needs of a family of models, and nothing else."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Protocol, runtime_checkable
 
@@ -41,6 +41,11 @@ class Choice:
     def name(self) -> str:
         """Name of the effect."""
         return self.effect.name
+
+    @property
+    def written(self) -> Effect:
+        """The effect with the equation of this form."""
+        return replace(self.effect, equation=self.form.equation) if self.form.equation else self.effect
 
 
 @dataclass(frozen=True)
@@ -120,7 +125,7 @@ class StructureFit:
     def laws(self) -> list[tuple[Effect, dict[str, float]]]:
         """Effects with the values of their parameters, as an equation shows them."""
         return [
-            (choice.effect, {p.name: p.value for p in self.parameters_of(choice.name)})
+            (choice.written, {p.name: p.value for p in self.parameters_of(choice.name)})
             for choice in self.choices
         ]
 
