@@ -136,6 +136,8 @@ def test_without_forces_a_direct_path_inside_is_one_beside():
         (["feedthrough inside", "extra_mode", "out_offset"], [0.4, 2.0, 0.1, 0.2, 0.1, 0.3]),
         (["in_saturation", "extra_mode behind", "out_quadratic"], [0.61, 2.0, 0.1, 0.2, 0.1, 0.1]),
         (["in_preload", "quad_drag", "feedthrough behind", "op_gain"], [0.3, 0.4, 0.3, 0.3, 0.8]),
+        (["time_variation", "in_saturation"], [-2e-4, 0.61]),
+        (["in_preload", "in_deadzone", "in_backlash"], [0.3, 0.4, 0.1]),
         (["time_variation", "feedthrough behind", "extra_mode behind"], [0.01, 0.3, 2.0, 0.1, 0.2, 0.1]),
     ],
 )

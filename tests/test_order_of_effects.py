@@ -5,7 +5,7 @@ import pytest
 
 from sysid.data import Record, make_record
 from sysid.diagnosis.decide.residual_evidence import Evidence
-from sysid.diagnosis.decide.revision import reordered
+from sysid.diagnosis.decide.revision import freed, reordered
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.effects.catalogue import find_effects
 from sysid.diagnosis.linear.structure import LinearStructure
@@ -55,6 +55,59 @@ def test_the_order_of_two_effects_is_found() -> None:
     assert set(found.accepted) == {"in_saturation", "time_variation"}
     assert found.final.fitted.names == ("time_variation", "in_saturation")
     assert found.final.fitted.parameters_of("in_saturation")[0].value == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_ramp_before_a_limit_is_found_in_one_descent() -> None:
+    """What the limit makes of a ramp is not linear in its rate, however small the step."""
+    rng = np.random.default_rng(2)
+    n = 1200
+    u = np.repeat(rng.uniform(-1.7, 1.7, n // 2), 2)
+    x, y = np.clip(u * (1.0 - 4e-4 * np.arange(n)), -0.8, 0.8), np.zeros(n)
+    for k in range(1, n):
+        y[k] = 0.9 * y[k - 1] + x[k - 1]
+    record = make_record(u, y + 0.05 * rng.standard_normal(n), period=1.0)
+    structure = LinearStructure(record, 1, initial_state="rest")
+    limit, ramp = (Choice(e, e.forms[0]) for e in find_effects(["in_saturation", "time_variation"]))
+    rows = record.estimation
+    fit = structure.baseline(rows)
+    for choices in ([limit], [limit, ramp]):
+        fit = structure.fit(choices, rows, WHITE, fit, effort=Effort.FINE)
+    found = structure.fit([ramp, limit], rows, WHITE, fit, effort=Effort.REFIT)
+    assert found.parameters_of("in_saturation")[0].value == pytest.approx(0.8, abs=0.02)
+    assert found.parameters_of("time_variation")[0].value == pytest.approx(-4e-4, abs=1e-5)
+
+
+def test_an_effect_that_is_new_is_searched_where_it_is_to_stand() -> None:
+    structure = LinearStructure(_record(limited_first=True), 1, initial_state="rest")
+    behind = _fitted(structure, ["in_saturation", "time_variation"])
+    fit = structure.fit(behind.choices[1:], behind.rows, WHITE, behind, effort=Effort.REFIT)
+    again = structure.fit(behind.choices, behind.rows, WHITE, fit, effort=Effort.FINE)
+    assert again.names == ("in_saturation", "time_variation")
+    assert again.cost == pytest.approx(behind.cost, rel=1e-3)
+
+
+def test_where_an_actuator_stood_at_first_is_asked_again_beside_a_second_effect() -> None:
+    record = _record(limited_first=True)
+    (lag,) = find_effects(["in_rate_limit"])
+    u = record.u[:, 0] + 8.0  # far from zero, where it began
+    x, position = np.zeros(u.size), 0.0
+    for k, wanted in enumerate(u):
+        position += min(max(wanted - position, -0.3), 0.3)
+        x[k] = position
+    y = np.zeros(u.size)
+    for k in range(1, u.size):
+        y[k] = 0.8 * y[k - 1] + x[k - 1]
+    y = np.minimum(y, 39.0) + 0.02 * np.random.default_rng(0).standard_normal(u.size)
+    structure = LinearStructure(make_record(u, y, period=0.1), 1, initial_state="rest")
+    evidence = Evidence(structure, record.estimation, record.validation, 0.01)
+    (limit,) = find_effects(["out_saturation"])
+    fit = structure.baseline(record.estimation)
+    choices = [Choice(lag, lag.form("symmetric")), Choice(limit, limit.forms[0])]
+    for count in (1, 2):
+        fit = structure.fit(choices[:count], fit.rows, WHITE, fit, effort=Effort.FINE)
+    found = freed(evidence, fit, 0)
+    assert found.choices[0].form.name.endswith("from rest")
+    assert found.parameters_of("in_rate_limit")[0].value == pytest.approx(3.0, rel=0.05)
 
 
 def test_a_longer_search_of_the_same_effects_searches_the_last_one_anew() -> None:

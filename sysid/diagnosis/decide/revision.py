@@ -9,10 +9,12 @@ from sysid.diagnosis.decide.allowance import THIRD
 from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.evidence import told_apart
 from sysid.diagnosis.decide.noise_colour import Noise
+from sysid.diagnosis.decide.paths import begun_elsewhere
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.decide.trials import Trials
-from sysid.diagnosis.structures.sides import freer_forms
+from sysid.diagnosis.structures.sides import freer_forms, sibling_forms
 from sysid.diagnosis.structures.structure import Choice, Effort, StructureFit, filtered
+from sysid.diagnosis.structures.thresholds import is_switched_by_input
 
 # How many are tried in the place of one that was accepted before.
 EXCHANGED = 6
@@ -63,14 +65,26 @@ def _in_place(evidence: Evidence, found: Sequence[Trial], noise: Noise, position
 def freed(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:
     """Give each earlier effect the freedom that was too much for it alone, such as sides of their own.
 
-    Its form was chosen before the others were there: what they moved hid how its sides differ, and a further
-    effect would mend it.
+    Its form was chosen before the others were there: what they moved hid how its sides differ, or where it
+    stood before the first row, and a further effect would mend it.
     """
+    fit = _with_thresholds_again(evidence, fit, n_given)
     for position in range(n_given, len(fit.choices)):
-        for form in freer_forms(fit.choices[position]):
+        choice = fit.choices[position]
+        beside_others = len(fit.choices) > n_given + 1
+        for form in (*(sibling_forms(choice) if beside_others else ()), *freer_forms(choice)):
             choices = list(fit.choices)
             choices[position] = replace(choices[position], form=form)
             fit = _better_from(evidence, fit, choices, (Effort.REFIT,))
+    return fit
+
+
+def _with_thresholds_again(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:
+    """Search the thresholds of earlier effects again beside later ones: no descent moves what jumps."""
+    for choice in fit.choices[n_given:-1]:
+        if is_switched_by_input(choice) and not _feeds_another(fit, choice):
+            others = [other for other in fit.choices if other is not choice]
+            fit = _better_from(evidence, fit, (*others, choice), (Effort.FINE,))
     return fit
 
 
@@ -94,25 +108,36 @@ def reordered(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureF
     found first.
     """
     for choice in fit.choices[n_given:-1]:
-        others = [other for other in fit.choices if other is not choice]
-        behind = others[fit.choices.index(choice) :]
-        if choice.effect.port in MAPS and any(other.effect.port == choice.effect.port for other in behind):
+        if _feeds_another(fit, choice):
+            others = [other for other in fit.choices if other is not choice]
             # A limit stands elsewhere after what it was put before: it is also searched anew.
             fit = _better_from(evidence, fit, (*others, choice), (Effort.REFIT, Effort.COARSE))
-    return _begun_elsewhere(evidence, fit, n_given)
+    for choice in fit.choices[n_given:-1]:
+        if _feeds_another(fit, choice) and choice.form.shapes:
+            fit = _searched_beside(evidence, fit, choice)
+    return begun_elsewhere(evidence, fit, evidence.colour(fit), n_given)
 
 
-def _begun_elsewhere(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:
-    """Let a path beside the plant begin behind the actuator, or before it, where that explains more."""
-    if not any(choice.effect.port == "input" for choice in fit.choices):
+def _feeds_another(fit: StructureFit, choice: Choice) -> bool:
+    """Tell whether an effect is a map before another one at its port."""
+    behind = fit.choices[fit.choices.index(choice) + 1 :]
+    return choice.effect.port in MAPS and any(other.effect.port == choice.effect.port for other in behind)
+
+
+def _searched_beside(evidence: Evidence, fit: StructureFit, choice: Choice) -> StructureFit:
+    """Search a map anew that stands before another, where it lies in the range of that one.
+
+    A dead zone before a jump is at first as wide as both of them together make it, and from there the jump
+    shows nothing.
+    """
+    structure, noise, rows = evidence.structure, evidence.colour(fit), evidence.rows
+    others = [other for other in fit.choices if other is not choice]
+    without = structure.fit(others, rows, noise.polynomial, fit, effort=Effort.REFIT)
+    if not without.usable:
         return fit
-    for place, choice in enumerate(fit.choices[n_given:], n_given):
-        for form in choice.effect.forms if choice.effect.port == "parallel" else ():
-            if form.behind != choice.form.behind and not form.inside:
-                moved = replace(choice, form=form)
-                choices = (*fit.choices[:place], moved, *fit.choices[place + 1 :])
-                fit = _better_from(evidence, fit, choices, (Effort.REFIT,))
-    return fit
+    found = structure.fit(fit.choices, rows, noise.polynomial, without, effort=Effort.COARSE)
+    limit = evidence.criterion(fit, noise) - SAME_CRITERION
+    return found if found.usable and evidence.criterion(found, noise) < limit else fit
 
 
 def _better_from(

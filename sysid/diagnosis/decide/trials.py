@@ -10,6 +10,7 @@ from sysid.diagnosis.decide.allowance import PROMISING, Allowance
 from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.evidence import ScoreScreen, score_screen
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE, Noise
+from sysid.diagnosis.decide.paths import begun_elsewhere
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.effects.base import Effect, Floats, Form
 from sysid.diagnosis.structures.structure import (
@@ -235,6 +236,8 @@ class Trials:
                 fit = min((fit, plain), key=lambda one: self.evidence.cost(one, WHITE_NOISE))
             if not fit.usable:
                 continue
+            if effort is Effort.FINE:
+                fit = begun_elsewhere(self.evidence, fit, noise, self.evidence.n_given)
             criterion = self.evidence.criterion(fit, noise)
             if criterion < best.criterion:
                 best = Trial(effect.name, fit, noise, criterion)

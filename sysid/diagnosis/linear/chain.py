@@ -101,9 +101,6 @@ class Chain:
         self._mapped: tuple[Data, bytes, Floats] | None = None
         self.driven = Drives([self.choices[i] for i in drives])
         self.strengths = [np.array([p.is_strength for p in c.form.parameters], dtype=bool) for c in choices]
-        self.strengths_of_inputs = np.concatenate(
-            [_NO_STRENGTHS, *(self.strengths[i] for i in self.at["input"])]
-        )
         # A direct path that forces pass, too: where there are some.
         inside = [i for i in self.at["parallel"] if drives and self.choices[i].form.inside]
         self.inside = inside[0] if inside else None
@@ -241,11 +238,18 @@ class Chain:
         if beside is not None:
             J[(np.cumsum(wanted) - 1)[layout.inputs[wanted[layout.inputs]]]] += beside
         for i in self.at["parallel"]:
-            self._fill_differences(data, i, self._given(i, data, run.x), point, wanted, J)
+            given = self._given(i, data, run.x)
+            self._fill_differences(data, i, given, point, wanted, J[self._lines(i, data, wanted)])
         for i, before in zip(self.at["output"], run.outputs, strict=False):
             J = self._through(data, i, before, point[layout.places[i]], J)
-            self._fill_differences(data, i, before, point, wanted, J)
+            self._fill_differences(data, i, before, point, wanted, J[self._lines(i, data, wanted)])
         return J
+
+    def _lines(self, i: int, data: Data, wanted: Mask) -> slice:
+        """Return where the wanted parameters of an effect stand among all that are wanted."""
+        place = self.places(data)[i]
+        first = int(np.count_nonzero(wanted[: place.start]))
+        return slice(first, first + int(np.count_nonzero(wanted[place])))
 
     def _in_order(self, layout: Layout, columns: Floats, wanted: Mask) -> Floats:
         """Return what `followed` found in the order of a point; lines of other parameters are zero."""
@@ -304,18 +308,20 @@ class Chain:
         """Return the change of x with each wanted parameter of its maps, and room for further lines."""
         if not self.at["input"]:
             return np.empty((n_further, data.u.size))
-        layout = self.layout(data)
-        rows = layout.inputs[wanted[layout.inputs]].tolist()
-        strengths = self.strengths_of_inputs[wanted[layout.inputs]].tolist()
-        changes = np.empty((len(rows) + n_further, data.u.size))
-        for line, (row, strength) in enumerate(zip(rows, strengths, strict=True)):
-
-            def mapped(value: float, row: int = row) -> Floats:
-                shifted = point.copy()
-                shifted[row] = value
-                return self.mapped(data, shifted)
-
-            fill_quotient(mapped, point[row], strength, changes[line])
+        count = int(np.count_nonzero(wanted[self.layout(data).inputs]))
+        changes, x, line = np.empty((count + n_further, data.u.size)), data.u, 0
+        for i in self.at["input"]:
+            apply, place = _map(self.choices[i]), self.places(data)[i]
+            # Maps before it are linear in their strengths, but what it makes of them is not.
+            for slope in changes[:line]:
+                step = STEP * spread(x) / (float(np.abs(slope).max()) or 1.0)
+                ahead, behind = (
+                    data.by_experiment(apply, x + moved * slope, point[place]) for moved in (step, -step)
+                )
+                slope[:] = (ahead - behind) / (2.0 * step)
+            own = int(np.count_nonzero(wanted[place]))
+            self._fill_differences(data, i, x, point, wanted, changes[line : line + own])
+            x, line = data.by_experiment(apply, x, point[place]), line + own
         return changes
 
     def drive_slopes(self, data: Data, point: Floats, run: Run, wanted: Mask) -> Floats:
@@ -331,21 +337,19 @@ class Chain:
         return self.driven.acting(x, z, speed_of(z, data.begin), self._of_drives(data, point))
 
     def _fill_differences(
-        self, data: Data, i: int, sequence: Floats, point: Floats, wanted: Mask, J: Floats
+        self, data: Data, i: int, sequence: Floats, point: Floats, wanted: Mask, lines: Floats
     ) -> None:
         """Fill the lines of the wanted parameters of a map: how its result changes with them."""
         place = self.places(data)[i]
         p = point[place]
-        line = int(np.count_nonzero(wanted[: place.start]))
-        for j in np.flatnonzero(wanted[place]).tolist():
+        for j, line in zip(np.flatnonzero(wanted[place]).tolist(), lines, strict=True):
 
             def mapped(value: float, j: int = j) -> Floats:
                 shifted = p.copy()
                 shifted[j] = value
                 return data.by_experiment(_map(self.choices[i]), sequence, shifted)
 
-            fill_quotient(mapped, p[j], bool(self.strengths[i][j]), J[line])
-            line += 1
+            fill_quotient(mapped, p[j], bool(self.strengths[i][j]), line)
 
     def _through(self, data: Data, i: int, before: Floats, p: Floats, J: Floats) -> Floats:
         """Return what an output map makes of small changes of its sequence."""
@@ -377,7 +381,7 @@ class Chain:
 
 
 _PORTS = ("input", "output", "force", "gain", "parallel", "noise")
-_NONE, _NO_STRENGTHS = np.empty(0), np.empty(0, dtype=bool)
+_NONE = np.empty(0)
 
 
 def _map(choice: Choice) -> Map:

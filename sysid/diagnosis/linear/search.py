@@ -42,7 +42,7 @@ class Grid(NamedTuple):
 
 
 class EffectSearch:
-    """Search over the shapes of the last effect of a chain.
+    """Search over the shapes of one effect of a chain.
 
     Parameters
     ----------
@@ -50,9 +50,11 @@ class EffectSearch:
     data : Data
     noise : ndarray
     starts : sequence of ndarray
-        Values of the parameters before those of the new effect; each is tried.
+        Points of the chain, with or without the parameters of the effect; each is tried.
     found : dict, optional
         What a search of the same kind has found on the grid.
+    which : int
+        Place of the effect among those of the chain; the last one by default.
     """
 
     def __init__(
@@ -62,11 +64,13 @@ class EffectSearch:
         noise: Floats,
         starts: Iterable[Floats],
         found: Found | None = None,
+        which: int = -1,
     ) -> None:
         self.chain, self.data, self.noise = chain, data, noise
         self.starts = list(starts)
-        self.place = chain.places(data)[-1]
-        self.form = chain.choices[-1].form
+        self.which = which % len(chain.choices)
+        self.place, self.choice = chain.places(data)[which], chain.choices[which]
+        self.form = self.choice.form
         self.shapes = np.array(self.form.shapes, dtype=np.intp) + self.place.start
         size = chain.size(data)
         self.others = np.ones(size, dtype=bool)
@@ -90,17 +94,17 @@ class EffectSearch:
         ends = self._ends(effort)
         if effort is Effort.FINE and self.chain.drives and not agree(ends):
             again = lengthened(self.chain, self.data, ends[0].point, self.noise, FINE_ITERATIONS)
-            ends = _ranked([*ends, again])
+            ends = ranked([*ends, again])
         return ends
 
     def _ends(self, effort: Effort) -> list[Minimum]:
         """Return where the searches from the best starts end, the best first."""
         if not self.grids:
             points = [self.joined(start, ()) for start in self.starts]
-            if self.chain.choices[-1].effect.port == "output":
+            if self.choice.effect.port == "output":
                 regressed = with_regressed_coefficients(self.chain, self.data, points[0])
                 points += [] if regressed is None else [regressed]
-            return _ranked([self._minimise(point, effort) for point in points])
+            return ranked([self._minimise(point, effort) for point in points])
         if not self.found:
             self._search_grid()
         leaders = self._leaders(1 + 2 * effort if self.form.smooth else 1 + effort)
@@ -127,13 +131,13 @@ class EffectSearch:
 
     def joined(self, start: Floats, shapes: tuple[float, ...]) -> Floats:
         """Return a point with these shapes; strengths of zero unless the start says more."""
-        if start.size == self.place.stop:
+        if start.size == self.others.size:
             whole = start.copy()
             whole[self.shapes] = shapes
             return whole
         own = np.zeros(self.place.stop - self.place.start)
         own[self.shapes - self.place.start] = shapes
-        return np.concatenate([start, own])
+        return np.concatenate([start[: self.place.start], own, start[self.place.start :]])
 
     def _at(self, shapes: tuple[float, ...]) -> Minimum | None:
         """Fit all but the shapes, from the best known start; remember the result."""
@@ -166,7 +170,7 @@ class EffectSearch:
         With a strong effect the model without it is so far off that a search from it ends elsewhere.
         """
         ranked = sorted(self.found, key=lambda shapes: self.found[shapes].cost)
-        if not ranked or self.chain.choices[-1].effect.port not in ("input", "output"):
+        if not ranked or self.choice.effect.port not in ("input", "output"):
             return
         helped = False
         for shapes in {ranked[0], ranked[len(ranked) // 2], ranked[-1]}:
@@ -239,7 +243,7 @@ class EffectSearch:
             near = end is not None and (not ends or end.cost <= FAR * ends[0].cost)
             if end is not None and near and effort is Effort.FINE and not end.converged:
                 end = self._minimise(end.point, effort) or end
-            ends = _ranked([*ends, end])
+            ends = ranked([*ends, end])
         return ends
 
     def _narrowed(self, leaders: list[Minimum], effort: Effort) -> list[Minimum]:
@@ -261,25 +265,25 @@ class EffectSearch:
                 self.chain, self.data, narrowing.best.point, self.noise, free=self.others,
                 iterations=FINE_ITERATIONS if fine else COARSE_ITERATIONS,
             )  # fmt: skip
-            ends = _ranked([*ends, narrowing.best if done is None else done])
+            ends = ranked([*ends, narrowing.best if done is None else done])
         return ends
 
     def _levels(self, leaders: list[Minimum]) -> Floats:
         """Return the sizes that a jumping map of the input is given, in rising order; none of other maps."""
-        if self.chain.choices[-1].effect.port != "input" or not leaders:
+        if self.choice.effect.port != "input" or not leaders:
             return np.empty(0)
         return np.unique(np.abs(self._before(leaders[0].point)))
 
     def _before(self, point: Floats) -> Floats:
-        """Return what the last effect is given, where that is a map of the input."""
+        """Return what the effect is given, where that is a map of the input."""
         chain = self.chain
-        plain = Chain(chain.order, chain.choices[:-1], chain.constant, chain.free_start)
+        plain = Chain(chain.order, chain.choices[: self.which], chain.constant, chain.free_start)
         return plain.mapped(self.data, point)
 
     def _cells(self, point: Floats) -> Callable[[Floats], bytes | None]:
         """Return what tells the cell of a map of the input: what it makes of it under given strengths."""
         apply = self.form.apply
-        if self.chain.choices[-1].effect.port != "input" or apply is None:
+        if self.choice.effect.port != "input" or apply is None:
             return lambda point: None
         before = self._before(point)
         # With a strength of zero no shape would tell, nor with one at which a map does as it does elsewhere.
@@ -297,5 +301,24 @@ def agree(ends: Sequence[Minimum]) -> bool:
     return len(ends) < 2 or ends[1].cost <= ends[0].cost * (1.0 + AGREEMENT)
 
 
-def _ranked(minima: Iterable[Minimum | None]) -> list[Minimum]:
+def ranked(minima: Iterable[Minimum | None]) -> list[Minimum]:
+    """Return the minima that there are, best first."""
     return sorted((m for m in minima if m is not None), key=lambda m: m.cost)
+
+
+def with_map_before(
+    chain: Chain, data: Data, noise: Floats, which: int, ends: list[Minimum]
+) -> list[Minimum]:
+    """Return ends of a search, best first, with those where a map before it is searched anew beside it.
+
+    What has strengths alone is searched from where the map before it stands: a dead zone before a jump is at
+    first as wide as both of them together make it, and from there the jump shows nothing.
+    """
+    choices = chain.choices
+    if choices[which].effect.port != "input" or choices[which].form.shapes:
+        return ends
+    before = [i for i, c in enumerate(choices[:which]) if c.effect.port == "input" and c.form.shapes]
+    if not before:
+        return ends
+    search = EffectSearch(chain, data, noise, [ends[0].point], which=before[-1])
+    return ranked([*ends, *search.search(Effort.COARSE)])

@@ -17,8 +17,13 @@ RETRIEVALS = 6
 REFILTERED = 4
 
 
-def further_starts(chain: Chain, data: Data, point: Floats) -> list[Floats]:
-    """Return further starts for the last effect: of the parameters before its own, or of all."""
+def further_starts(chain: Chain, data: Data, point: Floats, which: int) -> list[Floats]:
+    """Return further starts for the last effect: of the parameters before its own, or of all.
+
+    None for another one, which has been searched before.
+    """
+    if which < len(chain.choices) - 1:
+        return []
     choice = chain.choices[-1]
     port, alone = choice.effect.port, len(chain.drives) == 1
     if (port in DRIVING and alone) or (port == "input" and not choice.form.shapes and not chain.drives):

@@ -32,7 +32,7 @@ from sysid.diagnosis.linear.restarts import (
     with_best,
 )
 from sysid.diagnosis.linear.rows import Data, data_of, for_search, on_record
-from sysid.diagnosis.linear.search import EffectSearch, Grid, agree
+from sysid.diagnosis.linear.search import EffectSearch, Grid, agree, with_map_before
 from sysid.diagnosis.linear.starts import further_starts
 from sysid.diagnosis.linear.thresholds import cells_around
 from sysid.diagnosis.structures.exercised import shows
@@ -232,8 +232,9 @@ class LinearStructure:
                 point = minimum.point
         agree = start.restarts_agree
         for choice in new:
-            chain = self.chain((*chain.choices, choice), steps)
-            minimum, agree = self._searched(chain, data, rows, point, noise, effort)
+            there = (*chain.choices, choice)
+            chain = self.chain([each for each in choices if each in there], steps)
+            minimum, agree = self._searched(chain, choice, data, rows, point, noise, effort)
             point = point if minimum is None else minimum.point
             if minimum is None:
                 break
@@ -269,28 +270,27 @@ class LinearStructure:
         return moved
 
     def _searched(
-        self, chain: Chain, data: Data, rows: Mask, point: Floats, noise: Floats, effort: Effort
+        self, chain: Chain, new: Choice, data: Data, rows: Mask, point: Floats, noise: Floats, effort: Effort
     ) -> tuple[Minimum | None, bool]:
-        """Search the last effect of a chain on part of the rows, polish on all."""
-        part = for_search(data, self.free_start)
+        """Search an effect of a chain, from a point without it, on part of the rows; polish on all."""
+        part, which = for_search(data, self.free_start), chain.choices.index(new)
         names = tuple((choice.name, choice.form.name) for choice in chain.choices)
 
-        # A fine search begins as the coarse one did.
-        key = names, rows.tobytes(), noise.tobytes(), point.tobytes()
+        key = which, names, rows.tobytes(), noise.tobytes(), point.tobytes()
 
         def searched() -> Grid:
             fitted = chain.steps.taken
-            starts = [point, *further_starts(chain, part, point)]
-            grid = EffectSearch(chain, part, noise, starts).searched()
-            # They are the grid's, whichever fit was the first to ask for it.
+            starts = [point, *further_starts(chain, part, point, which)]
+            grid = EffectSearch(chain, part, noise, starts, which=which).searched()
             self.work.note(key, chain.steps.taken - fitted)
             chain.steps.taken = fitted
             return grid
 
         grid = self._grids.recalled(key, searched)
-        ends = EffectSearch(chain, part, noise, grid.starts, grid.found).search(effort)
+        ends = EffectSearch(chain, part, noise, grid.starts, grid.found, which).search(effort)
         if not ends:
             return None, False
+        ends = with_map_before(chain, part, noise, which, ends)
         if part is data:
             return ends[0], agree(ends)
         return self._polished(chain, data, ends[0].point, noise), agree(ends)

@@ -26,6 +26,20 @@ def freer_forms(choice: Choice) -> tuple[Form, ...]:
     return tuple(form for form in larger if _sources(choice.form, form) is not None)
 
 
+def sibling_forms(choice: Choice) -> tuple[Form, ...]:
+    """Return the other forms of an effect, looked for like this one, with the same parameters.
+
+    Examples
+    --------
+    >>> from sysid.diagnosis.effects.catalogue import find_effects
+    >>> (effect,) = find_effects(["in_rate_limit"])
+    >>> [form.name for form in sibling_forms(Choice(effect, effect.form("symmetric")))]
+    ['symmetric from rest']
+    """
+    own = choice.form
+    return tuple(f for f in choice.effect.found_by if f != own and f.parameters == own.parameters)
+
+
 def with_forms_of(choices: Sequence[Choice], start: StructureFit, places: Sequence[slice]) -> StructureFit:
     """Return a fit whose effects are in the wanted forms where these can be just the same.
 
@@ -54,7 +68,7 @@ def _sources(form: Form, other: Form) -> list[int] | None:
 
     A parameter with two sides is named after the one with the same value on both: ``width_positive``.
     """
-    if other.behind != form.behind and other.parameters == form.parameters:
+    if other != form and other.parameters == form.parameters:
         return list(range(len(form.parameters)))
     if len(other.parameters) <= len(form.parameters):
         return None
