@@ -1,9 +1,12 @@
 """What is left beside a true effect: a detail of its own, or the sign of a look-alike."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from sysid.data import make_record
+from sysid.diagnosis.decide.verdict import with_a_detail_left
 from sysid.diagnosis.diagnose import diagnose
 
 CANDIDATES = ["in_saturation", "in_deadzone", "out_saturation"]
@@ -54,3 +57,12 @@ def test_effects_that_only_resemble_what_is_missing_are_not_believed(actuator):
     assert found.verdict == "unexplained"
     assert found.accepted == ()
     assert found.ports[0].port == "input"
+
+
+def test_what_is_left_beside_many_effects_is_no_detail():
+    decision = diagnose(
+        record_through(lambda u: tiring(np.clip(u, -1.5, 1.8))), order=1, effects=CANDIDATES
+    ).decision
+    left = replace(decision, verdict="unexplained")
+    assert with_a_detail_left(left).verdict == "missing-effect"
+    assert with_a_detail_left(replace(left, fits=3 * left.fits)).verdict == "unexplained"

@@ -1,4 +1,4 @@
-"""A force that only resembles the missing one, the rest of which passes for noise."""
+"""Names that only resemble what is missing: one law that is not theirs explains as much."""
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ import sysid
 from sysid.data import make_record
 
 PERIOD, N = 0.1, 1500
+SENSOR = ("out_saturation", "out_lowpass")
 
 
 def stage(force, memory):
@@ -44,3 +45,33 @@ def test_a_law_is_named_only_if_no_curve_follows_the_force_better(force, memory,
     if not accepted:
         assert found.ports[0].port == "velocity"
         assert found.ports[0].explains_at_most > 0.8
+
+
+def actuated(limited, slow_sensor):
+    """Return a first-order plant under steps, its actuator or its sensor limited, the sensor slow or not."""
+    rng = np.random.default_rng(1)
+    u = np.repeat(rng.uniform(0.0, 3.0, N // 10), 10)
+    y = lfilter([0.0, 0.2], [1.0, -0.8], np.minimum(u, 1.8) if limited == "actuator" else u)
+    y = np.minimum(y, 1.8) if limited == "sensor" else y
+    y = lfilter([0.15], [1.0, -0.85], y) if slow_sensor else y
+    return make_record(u, y + 0.03 * np.std(y) * rng.standard_normal(N), PERIOD)
+
+
+@pytest.mark.parametrize(
+    ("limited", "slow_sensor", "accepted"), [("actuator", False, ()), ("sensor", True, SENSOR)]
+)
+def test_two_effects_stand_in_for_one_if_a_single_curve_does_as_much(limited, slow_sensor, accepted):
+    """A limited sensor with another lag moves the plant behind the limit: as a limited actuator is."""
+    found = sysid.diagnose(
+        actuated(limited, slow_sensor),
+        order=1,
+        initial_state="rest",
+        effects=[*SENSOR, "out_quadratic", "op_gain", "coloured_noise"],
+    )
+    assert found.accepted == accepted
+    if accepted:
+        assert found.verdict == "missing-effect"
+        return
+    assert (found.verdict, found.decision.rejected) == ("unexplained", SENSOR)
+    assert found.decision.resembled_at == found.ports[0].port == "input"
+    assert "stood in for something else: one free-form curve at the input explains as much" in found.advice

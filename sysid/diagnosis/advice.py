@@ -39,6 +39,9 @@ def _by_verdict(structure: Structure, decision: Decision, accepted: Sequence[str
         tried = " and ".join(decision.rejected)
         closest = f"with {tried} {left} is left" if tried else f"{left} is left"
         closest += STANDS_IN if decision.stands_in else ""
+        if decision.resembled_at:
+            place = f"one free-form curve at the {decision.resembled_at}"
+            closest = f"{tried} stood in for something else: {place} explains as much"
         return (
             f"The model lacks something that no candidate explains ({closest}). Where a free-form curve at a "
             "port removes much of the error, --draft FILE writes it as an effect to edit and to give with "

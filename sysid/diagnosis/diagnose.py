@@ -130,7 +130,7 @@ def diagnose(
                 structure, candidates, alpha=alpha, max_effects=max_effects, seed=seed, given=given,
                 jobs=jobs, bars=bars, smooth=count > 1, thorough=thorough,
             )  # fmt: skip
-            return _against_curves(structure, search.decide())
+            return _against_curves(structure, search.decide(), count > 1)
 
         if model == "linear" and order is None:
             from sysid.diagnosis.linear.structure import LinearStructure
@@ -173,18 +173,21 @@ def diagnose(
 
 
 def _against_curves(
-    structure: Structure, decision: Decision
+    structure: Structure, decision: Decision, smooth: bool
 ) -> "tuple[Decision, tuple[PortCurve, ...] | None]":
-    """Weigh the names beside something unexplained against one free-form curve at a time.
+    """Weigh names that may only resemble what is missing against one free-form curve at a time.
 
-    If a curve outdoes them they only resemble what is missing, and are left out; otherwise what they leave
-    may be a detail.  A single force beside noise with a memory is weighed so, too: that noise may be what its
-    law leaves of another one.
+    If a curve outdoes them they are left out.  Otherwise what they leave beside something unexplained may be
+    a detail.  Of a ``smooth`` record, where next to everything is significant, a curve finds details, too.
     """
-    from sysid.diagnosis.shortfall import curves_at_ports, each_counts, only_resembled, outdone
+    from sysid.diagnosis.shortfall import curves_at_ports, each_counts, is_doubtful, outdone, resembled
 
-    if decision.verdict == "missing-effect" and only_resembled(structure, decision):
-        return _with_nothing_found(decision), curves_at_ports(structure)
+    if decision.verdict == "missing-effect" and is_doubtful(decision) and not smooth:
+        curves = curves_at_ports(structure)
+        better = resembled(structure.record, decision, curves)
+        if better is not None:
+            return replace(_with_nothing_found(decision), resembled_at=better.port), curves
+        return decision, None
     if decision.verdict != "unexplained" or len(decision.fits) == len(decision.given):
         return decision, None
     curves = curves_at_ports(structure)

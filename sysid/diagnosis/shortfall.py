@@ -8,8 +8,10 @@ import numpy as np
 from sysid.diagnosis.comparison.series import judged_series
 from sysid.diagnosis.comparison.where import Finding, locate
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision
+from sysid.diagnosis.decide.residual_evidence import SEEN_P_VALUE
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.ports.plants import PORTS
+from sysid.diagnosis.structures.pointwise import MEMORY, TIMED
 from sysid.diagnosis.structures.structure import Choice, Structure
 from sysid.errors import SysidError
 from sysid.physics.expressions import symbols
@@ -19,8 +21,10 @@ if TYPE_CHECKING:
     from sysid.data import Record
     from sysid.diagnosis.ports import PortCurve
 
-# A curve of free form that leaves less than this share of what a named force leaves has found another law.
+# At the place of a law a curve of free form that leaves less than this share of its error is another law.
 RESEMBLED = 0.8
+# Every curve holds these.
+CONSTANTS, ANYWHERE = ("out_offset", "constant_force"), "anywhere"
 
 
 def where_it_fails(record: "Record", free_run: Floats, judged: str) -> tuple[Finding, ...]:
@@ -58,30 +62,55 @@ def outdone(record: "Record", decision: Decision, curves: "Sequence[PortCurve]")
     return bool(before > 0.0 and best > 1.0 - after / before)
 
 
-def only_resembled(structure: Structure, decision: Decision) -> bool:
-    """Tell whether a single named force only resembles what is missing, and noise was to explain the rest.
+def is_doubtful(decision: Decision) -> bool:
+    """Tell whether the names that were found are held against curves of free form.
 
-    At the place of the true law no curve of free form does better, but for chance; one that leaves clearly
-    less on held-out rows says that the force depends on the same motion by another law.
+    Two or more may share out between them what one law is, and noise with a memory may be what a law leaves
+    of another, as may a rest that is not quite what noise leaves.
+    """
+    if decision.given or not decision.fits:
+        return False
+    several, coloured = len(decision.fits) > 1, NOISE_EFFECT in decision.accepted
+    return several or coloured or decision.left_p_value < SEEN_P_VALUE
+
+
+def resembled(record: "Record", decision: Decision, curves: "Sequence[PortCurve]") -> "PortCurve | None":
+    """Return the curve that says that the named effects only resemble what is missing, if one does.
+
+    At the place of a true law no curve of free form does better, but for chance: there it must leave clearly
+    less on held-out rows.  Where effects are at several places no single curve comes closer to what all leave
+    than to what all but one do, unless they share out between them what it is.
 
     Parameters
     ----------
-    structure : Structure
+    record : Record
     decision : Decision
         That effects are missing.
+    curves : sequence of PortCurve
+        Of the model without effects.
     """
-    port = _port_of(decision.final.choices[-1]) if len(decision.fits) == 1 else ""
-    if decision.given or NOISE_EFFECT not in decision.accepted or not port:
-        return False
-    before, after = _held_out_errors(structure.record, decision)
-    curves = curves_at_ports(structure, [port])
-    return any((1.0 - curve.explains_at_most) * before < RESEMBLED * after for curve in curves)
+    errors = _held_out_errors(record, decision)
+    places = {_port_of(choice) for choice in decision.final.choices} - {ANYWHERE}
+    if all(curve.port != "position" for curve in curves):  # the motion that forces depend on is one
+        places = {"velocity" if place == "position" else place for place in places}
+    between = max(float(np.sqrt(errors[-2] * errors[-1])), errors[-1])
+
+    def is_better(curve: "PortCurve") -> bool:
+        own = len(decision.fits) == 1 or places <= {curve.port}
+        limit = RESEMBLED * errors[-1] if own else between
+        return bool((1.0 - curve.explains_at_most) * errors[0] < limit)
+
+    return next(filter(is_better, curves), None)
 
 
 def _port_of(choice: Choice) -> str:
-    """Return the port at which a curve of free form holds the law of a force, empty for none."""
-    form = choice.form
-    if choice.effect.port != "force" or choice.effect.dry or form.state:
+    """Return the port at which a curve of free form holds an effect, empty for none."""
+    effect, form = choice.effect, choice.form
+    if choice.name in CONSTANTS:
+        return ANYWHERE
+    if effect.port in ("input", "output"):
+        return "" if choice.name in (*MEMORY, *TIMED) else effect.port
+    if effect.port != "force" or form.state:
         return ""
     law = parse(form.expression, {"x", "v", *(parameter.name for parameter in form.parameters)})
     depends = symbols(law) & {"x", "v"}

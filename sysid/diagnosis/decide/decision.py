@@ -76,6 +76,8 @@ class Decision:
         Whether the search ended before all its stages were tried.
     stands_in : bool
         Whether what came closest is, where it ended, something else than its name says.
+    resembled_at : str
+        Port at which one curve of free form does as much as all that was found; empty if none does.
     """
 
     verdict: str
@@ -93,6 +95,7 @@ class Decision:
     fed_back: bool = False
     cut_short: bool = False
     stands_in: bool = False
+    resembled_at: str = ""
 
     @property
     def final(self) -> StructureFit:

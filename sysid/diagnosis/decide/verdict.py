@@ -27,8 +27,9 @@ LEAST_TRACE = 0.0005
 MOST_LEFT = 0.5
 # Effects stay accepted beside something unexplained if they leave at most this share of the explainable.
 LEAST_EXPLAINED = 0.9
-# What is left beside effects that stand is a detail of its own up to this share of the explainable.
-DETAIL_SHARE = 0.03
+# What is left beside effects that stand is a detail of its own up to this share of the explainable, but not
+# beside so many: these can follow anything, and leave what they cannot.
+DETAIL_SHARE, MANY = 0.03, 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +168,8 @@ def with_a_detail_left(decision: Decision) -> Decision:
     share out among them.  Where the cause has a memory no curve does; then a mode among the effects gives it
     away, for in parallel it takes up what any memory does.
     """
+    if len(decision.fits) >= len(decision.given) + MANY:
+        return decision
     if decision.stands_in or MODE in decision.final.names or decision.left_share > DETAIL_SHARE:
         return decision
     return replace(decision, verdict="missing-effect", rejected=())
