@@ -132,6 +132,8 @@ def test_steps_show_in_the_readings_alone():
     assert not are_steps(smooth)
     assert not are_steps(np.clip(smooth, -1.0, 1.0))
     assert not are_steps(np.zeros(9))
+    resting = smooth - np.clip(smooth, -smooth.std(), smooth.std())
+    assert not are_steps(resting + 0.01 * rng.standard_normal(1500))
 
 
 def test_a_quantiser_is_the_last_of_the_sensor_wherever_it_was_found():

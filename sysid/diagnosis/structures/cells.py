@@ -110,7 +110,8 @@ def are_steps(y: Floats) -> bool:
     """Tell whether measured values plainly stand at multiples of one step, whatever made them.
 
     Around a circle as long as the step, values of any other kind spread out evenly, so that their mean is
-    near the centre.  Two ends at which values are held are no steps: those between them must show it.
+    near the centre.  Two ends at which values are held are no steps, nor is one place at which a body rests:
+    those between the ends must show it, and those elsewhere.
 
     Parameters
     ----------
@@ -132,12 +133,19 @@ def are_steps(y: Floats) -> bool:
         return False
     for step in (high - low) / np.exp(np.arange(np.log(FEWEST), np.log(MOST), np.log(FINER))):
         between = y[(y > low + 0.5 * step) & (y < high - 0.5 * step)]
-        if (
-            between.size > LEAST_BETWEEN * y.size
-            and abs(np.mean(np.exp(2j * np.pi / step * between))) > PLAINLY
-        ):
-            return True
+        if _at_multiples(between, step, y.size):
+            counts = np.round(between / step)
+            values, sizes = np.unique(counts, return_counts=True)
+            if _at_multiples(between[counts != values[np.argmax(sizes)]], step, y.size):
+                return True
     return False
+
+
+def _at_multiples(values: Floats, step: float, among: int) -> bool:
+    """Tell whether values stand at multiples of a step, and are no few among so many."""
+    return values.size > LEAST_BETWEEN * among and bool(
+        abs(np.mean(np.exp(2j * np.pi / step * values))) > PLAINLY
+    )
 
 
 def place_of_quantiser(choices: Sequence[Choice]) -> int | None:
