@@ -88,7 +88,10 @@ class Trials:
         chosen = [
             e
             for i, e in enumerate(ranking)
-            if i < count or (lost and may_hold(e)) or self._without_slope(e, current)
+            if i < count
+            or (lost and may_hold(e))
+            or (not further and may_be_uneven(e))
+            or self._without_slope(e, current)
         ]
         trials = self.ranked(current, chosen, colour)
         left = [Trial(e.name, None, WHITE_NOISE, np.inf, -np.inf) for e in ranking if e not in chosen]
@@ -146,15 +149,16 @@ class Trials:
 
         lost = self._lost(current) and (not current.choices or self.allowance.permits())
         blind = {e.name for e in candidates if may_hold(e)} if lost else set()
+        uneven = {e.name for e in candidates if first and may_be_uneven(e)}
         beside = f" beside {' and '.join(current.names)}" if current.choices else ""
         tried = self._each(f"candidates{beside}", simply, candidates)
         found = {trial.name: trial for trial in tried}
         for effort, count in ((Effort.COARSE, refined), (Effort.FINE, polished)):
             order = sorted(found.values(), key=lambda t: t.criterion)
-            # From a run that is lost a coarse search says no more of a force than its slope.
-            leaders = [
-                t for i, t in enumerate(order) if i < count or (effort is Effort.FINE and t.name in blind)
-            ]
+            # From a run that is lost a coarse search says no more of a force than its slope, and from a limit
+            # that is the same on both sides one no more that is reached on one side only.
+            also = blind if effort is Effort.FINE else uneven
+            leaders = [t for i, t in enumerate(order) if i < count or t.name in also]
 
             def carefully(trial: Trial, effort: Effort = effort) -> Trial:
                 effect = next(e for e in candidates if e.name == trial.name)
@@ -290,6 +294,11 @@ class Trials:
 def may_hold(effect: Effect) -> bool:
     """Tell whether an effect is a force that could keep a body where it was measured: friction does not."""
     return effect.port == "force" and not effect.dry and not any(form.state for form in effect.forms)
+
+
+def may_be_uneven(effect: Effect) -> bool:
+    """Tell whether an effect is looked for with one value for both sides and with sides of their own."""
+    return len({len(form.parameters) for form in effect.found_by if form.smooth}) > 1
 
 
 def _switch_first(trials: list[Trial]) -> list[Trial]:
