@@ -1,15 +1,18 @@
 """Physical models behind a quantiser, or behind a switch: what rows tell only to lie in a cell."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics.evaluation import finite
+from sysid.diagnosis.physics.laws import LEVEL
 from sysid.diagnosis.physics.problem import Problem
+from sysid.diagnosis.physics.search import Tangent, in_lanes
 from sysid.diagnosis.structures.cells import Cells, cells_of, inside_cells, place_of_quantiser
 from sysid.diagnosis.structures.structure import WHITE
-from sysid.diagnosis.structures.thresholds import is_switched_by_input, middle_of_cell
+from sysid.diagnosis.structures.thresholds import is_switched_by_input, middle_of_cell, threshold_error
 from sysid.separable.descent import Minimum, Residual
 
 
@@ -65,14 +68,65 @@ def with_thresholds_between(problem: Problem, end: Minimum[Residual]) -> Minimum
 
     Only where the switch is the first map of the input, so that what it is given is the record's.
     """
-    first = next((i for i, choice in enumerate(problem.choices) if choice.effect.port == "input"), None)
-    if first is None or not is_switched_by_input(problem.choices[first]):
+    places, levels = _thresholds(problem)
+    if not places:
         return end
-    u = problem.setting.record.u
-    levels = np.unique(np.abs(np.concatenate([u[part, 0][problem.rows[part]] for part in problem.parts])))
     x = end.x.copy()
-    for shape in problem.choices[first].form.shapes:
-        place = problem.effect_places[first].start + shape
+    for place in places:
         x[place] = middle_of_cell(levels, float(x[place]))
     moved = problem.residual(x)
     return replace(end, x=x) if np.array_equal(moved, problem.residual(end.x)) else end
+
+
+def threshold_errors(
+    problem: Problem, point: Floats, runs: Sequence[slice], left: Floats
+) -> list[tuple[int, float]]:
+    """Return where the thresholds of a switch stand and their standard errors.
+
+    Slopes say nothing of them: the output changes only where the switch turns at another row.
+
+    Parameters
+    ----------
+    problem : Problem
+    point : ndarray, shape (n_unknowns,)
+    runs : sequence of slice
+        Rows that follow one another.
+    left : ndarray
+        D(q) of the memory that is left in the problem's residual.
+    """
+    from scipy.signal import lfilter
+
+    places, levels = _thresholds(problem)
+    if not places:
+        return []
+    tangent = Tangent(problem, point)
+
+    def costs(points: Floats) -> Floats:
+        errors = tangent.outside(in_lanes(problem, points))
+        driving = np.concatenate([lfilter(left, [1.0], errors[:, rows]) for rows in runs], axis=1)
+        return np.asarray(np.nan_to_num(np.einsum("ij,ij->i", driving, driving), nan=np.inf))
+
+    best = float(costs(point[np.newaxis])[0])
+    variance = max(best / max(problem.target.size - problem.size, 1), 1e-300)
+    found = []
+    for place in places:
+
+        def rises(values: Floats, place: int = place) -> Floats:
+            points = np.tile(point, (values.size, 1))
+            points[:, place] = values
+            return (costs(points) - best) / variance
+
+        found.append((place, threshold_error(levels, float(point[place]), rises)))
+    return found
+
+
+def _thresholds(problem: Problem) -> tuple[list[int], Floats]:
+    """Return where the thresholds of a switch that is the first map of the input stand, and its levels."""
+    first = next((i for i, choice in enumerate(problem.choices) if choice.effect.port == "input"), None)
+    if first is None or not is_switched_by_input(problem.choices[first]):
+        return [], np.empty(0)
+    u = problem.setting.record.u
+    levels = np.unique(np.abs(np.concatenate([u[part, 0][problem.rows[part]] for part in problem.parts])))
+    parameters, start = problem.choices[first].form.parameters, problem.effect_places[first].start
+    inputs = [p.unit == "[u]" and not p.is_strength and p.name != LEVEL for p in parameters]
+    return [start + i for i in np.flatnonzero(inputs).tolist()], levels

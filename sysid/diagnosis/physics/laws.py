@@ -46,6 +46,8 @@ _LAWS: Mapping[str, Callable[[Floats], Coefficients]] = {
 _SUMS = ("friction_forward", "friction_back", "breakaway", "drag", "cubic", "constant")
 # Forces that a model which is not linear can take, too.
 SMOOTH_LAWS = ("quad_drag", "cubic_stiffness", "gravity_sine", "constant_force")
+# Name of the value that a switch takes when it is on.
+LEVEL = "level"
 INNER = ("force", "gain", "flow")
 # A speed, scale or stiffness much below this share of what occurs makes a law a jump.
 SMALLEST_SHAPE = 1e-3
@@ -120,7 +122,7 @@ def with_level(effect: Effect) -> Effect:
     >>> relay.apply(np.array([-2.0, 0.1, 2.0]), np.array([1.0, 5.0]), 0.1)
     array([-5.,  0.,  5.])
     """
-    level = EffectParameter("level", "[u]", "value when on", Grid("input deviation", (1.0,)), minimum=0.0)
+    level = EffectParameter(LEVEL, "[u]", "value when on", Grid("input deviation", (1.0,)), minimum=0.0)
     forms = tuple(
         replace(form, parameters=(*form.parameters, level), apply=_levelled(form.apply))
         for form in effect.forms
@@ -131,7 +133,12 @@ def with_level(effect: Effect) -> Effect:
 
 def is_switch_without_level(choice: Choice) -> bool:
     """Tell whether an effect switches between values whose size is left to the model's gain."""
-    return choice.name in SWITCHES and all(p.name != "level" for p in choice.form.parameters)
+    return choice.name in SWITCHES and not has_level(choice)
+
+
+def has_level(choice: Choice) -> bool:
+    """Tell whether an effect switches between values whose size is a parameter of its own, the last one."""
+    return choice.name in SWITCHES and choice.form.parameters[-1].name == LEVEL
 
 
 def _levelled(apply: Map) -> Map:

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.physics.cells import read_cells
+from sysid.diagnosis.physics.cells import read_cells, threshold_errors
 from sysid.diagnosis.physics.evaluation import finite
-from sysid.diagnosis.physics.laws import is_switch_without_level, with_level
+from sysid.diagnosis.physics.laws import has_level, is_switch_without_level, with_level
 from sysid.diagnosis.physics.problem import Problem
 from sysid.diagnosis.structures.plain_errors import LOOSE, UNSEEN, plain_errors
 from sysid.diagnosis.structures.structure import WHITE, Choice, FittedParameter
@@ -50,6 +50,8 @@ def standard_errors(problem: Problem, point: Floats, left: Floats = WHITE) -> Fl
     ndarray, shape (n_unknowns,)
     """
     J = slopes_of_both_sides(problem, point)
+    relative = _relative_to_a_level(problem, point)
+    J[:, relative & _levels(problem)] = 0.0  # beside it the others would seem known to rounding
     edges = problem.run_edges.tolist()
     runs = [slice(first, end) for first, end in itertools.pairwise(edges)]
     residual = problem.residual(point)
@@ -60,7 +62,9 @@ def standard_errors(problem: Problem, point: Floats, left: Floats = WHITE) -> Fl
         spread = np.linalg.norm(residual) / np.sqrt(max(residual.size - problem.size, 1))
         errors *= cells.widening(problem.size, float(spread))
         errors[place] = cells.step_error
-    errors[_relative_to_a_level(problem, point)] = np.inf
+    errors[relative] = np.inf
+    for place, error in threshold_errors(problem, point, runs, left):
+        errors[place] = error
     return np.asarray(errors)
 
 
@@ -85,28 +89,16 @@ def slopes_of_both_sides(problem: Problem, point: Floats) -> Floats:
 
 
 def _relative_to_a_level(problem: Problem, point: Floats) -> NDArray[np.bool_]:
-    """Tell which unknowns are known only relative to the level of a switch, which counts as 1.
+    """Tell which unknowns are known only relative to the level of a switch, which counts as 1 if not given.
 
     A motor that is driven by a relay of unknown voltage has the same speed with all its constants scaled.
     """
-    none = np.zeros(point.size, dtype=bool)
-    levels = []
-    choices, parts = [], [point[: problem.n_model]]
-    for choice, place in zip(problem.choices, problem.effect_places, strict=True):
-        parts.append(point[place])
-        if is_switch_without_level(choice):
-            effect = with_level(choice.effect)
-            choice = Choice(effect, effect.form(choice.form.name))
-            parts.append(np.ones(1))
-            levels.append(sum(part.size for part in parts) - 1)
-        choices.append(choice)
+    none, given = np.zeros(point.size, dtype=bool), _levels(problem)
+    opened, whole, levels = _with_levels(problem, point)
     if not levels:
         return none
-    opened = Problem(
-        problem.setting, choices, problem.rows, problem.noise, problem.largest, problem.free_start
-    )
     with np.errstate(all="ignore"):
-        J = finite(opened.jacobian(np.concatenate([*parts, point[problem.n_model + problem.n_effects :]])))
+        J = finite(opened.jacobian(whole))
     own = np.delete(J, levels, axis=1)
     scale = np.linalg.norm(own, axis=0)
     scale[scale == 0.0] = 1.0
@@ -114,5 +106,35 @@ def _relative_to_a_level(problem: Problem, point: Floats) -> NDArray[np.bool_]:
         change = J[:, level]
         moved = np.linalg.lstsq(own / scale, change, rcond=UNSEEN)[0]
         if np.linalg.norm(own / scale @ moved - change) < SAME_DIRECTION * np.linalg.norm(change):
-            none |= np.abs(moved / scale) > LOOSE * np.abs(moved / scale).max()
+            none[~given] |= np.abs(moved / scale) > LOOSE * np.abs(moved / scale).max()
+            none |= given
     return none
+
+
+def _levels(problem: Problem) -> NDArray[np.bool_]:
+    """Tell which unknowns are levels of switches."""
+    found = np.zeros(problem.size, dtype=bool)
+    for choice, place in zip(problem.choices, problem.effect_places, strict=True):
+        found[place.stop - 1] |= has_level(choice)
+    return found
+
+
+def _with_levels(problem: Problem, point: Floats) -> tuple[Problem, Floats, list[int]]:
+    """Return a problem all of whose switches have a level, a point of it, and where the levels stand."""
+    choices, parts, levels = [], [point[: problem.n_model]], []
+    for choice, place in zip(problem.choices, problem.effect_places, strict=True):
+        parts.append(point[place])
+        if is_switch_without_level(choice):
+            effect = with_level(choice.effect)
+            choice = Choice(effect, effect.form(choice.form.name))
+            parts.append(np.ones(1))
+        choices.append(choice)
+        if has_level(choice):
+            levels.append(sum(part.size for part in parts) - 1)
+    if not levels:
+        return problem, point, levels
+    opened = Problem(
+        problem.setting, choices, problem.rows, problem.noise, problem.largest, problem.free_start
+    )
+    parts.append(point[problem.n_model + problem.n_effects :])
+    return opened, np.concatenate(parts), levels

@@ -9,8 +9,7 @@ from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, Floats
 from sysid.diagnosis.effects.catalogue import find_effects
-from sysid.diagnosis.effects.input_maps import SWITCHES
-from sysid.diagnosis.physics.budget import Budget
+from sysid.diagnosis.physics.budget import Budget, fastest_followed
 from sysid.diagnosis.physics.cells import with_thresholds_between, within_cells
 from sysid.diagnosis.physics.descents import (
     EVALUATIONS,
@@ -29,9 +28,8 @@ from sysid.diagnosis.physics.directions import directions, probes
 from sysid.diagnosis.physics.equation import equation_text
 from sysid.diagnosis.physics.free_run import free_run, runs
 from sysid.diagnosis.physics.hold import SMOOTHER, band_limited
-from sysid.diagnosis.physics.laws import with_level
 from sysid.diagnosis.physics.lengthening import lengthened
-from sysid.diagnosis.physics.offered import has_free_gain, makes_sense
+from sysid.diagnosis.physics.offered import idle_levels, makes_sense, with_levels
 from sysid.diagnosis.physics.parameters import named_parameters, standard_errors
 from sysid.diagnosis.physics.points import moved
 from sysid.diagnosis.physics.problem import COARSE_STEP, Problem, problem_of
@@ -58,9 +56,7 @@ RESTARTS, MORE_RESTARTS = 4, 16
 BUDGETS, BUDGET_ROWS = (60e6, 25e6, 80e6), 1_200
 # Work of a whole search, in steps of a run without laws, whatever the length of the record.
 WORK = 280e6
-# Poles beyond the sampling frequency leave no trace of their own in a record: a search does not follow a
-# plant there, unless its start values, known within some 20 %, or the fit that is started from are as fast.
-SAMPLING_RATE, AS_FAST = 2.0 * np.pi, (2.0, 1.0)
+FINEST = EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE]
 DIVERGES = "it diverges"
 SPENT = "stopped: the simulations took as many steps as a fit is given; the minimum may be lower"
 
@@ -122,9 +118,7 @@ class PhysicsStructure:
             for effect in effects
             if makes_sense(self.setting, effect, general=self.general)
         ]
-        if all(effect.name not in SWITCHES for effect in sensible) or has_free_gain(self.setting):
-            return tuple(sensible)
-        return tuple(with_level(effect) if effect.name in SWITCHES else effect for effect in sensible)
+        return with_levels(self.setting, sensible)
 
     def baseline(self, rows: Mask) -> StructureFit:
         """Fit the model without effects, from several starts.
@@ -185,7 +179,7 @@ class PhysicsStructure:
                 f"model {self.name!r} at its start values is too fast for the sampling period "
                 f"{self.record.period:.3g} s: check the parameters and their units"
             )
-        budget.fastest = max(SAMPLING_RATE, AS_FAST[0] * pace)
+        budget.fastest = fastest_followed(pace)
         if problem.target.size < 2 * problem.size:
             raise IdentifiabilityError(
                 f"{problem.target.size} rows cannot determine {problem.size} unknowns: at least "
@@ -206,9 +200,7 @@ class PhysicsStructure:
             )
         best = likeliest(search, ends)
         if search is not problem:
-            best = problem.descend(
-                moved(search, problem, best.x), EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE]
-            )
+            best = problem.descend(moved(search, problem, best.x), *FINEST)
         self.work.note((self._course, rows.tobytes()), budget.work)
         return self._result(problem, best, found_again)
 
@@ -241,7 +233,7 @@ class PhysicsStructure:
         kept, searched = kept_and_new(choices, start, effort)
         new = [i for i, choice in enumerate(choices) if choice in searched]
         problem = self._problem(choices, rows, noise, budget)
-        budget.fastest = _fastest(problem, start.point)
+        budget.fastest = fastest_followed(*map(problem.pace_at, (self.setting.nominal, start.point)))
         before = self._problem(kept, rows, noise, budget)
         known = self._carried(before, start)
         if effort is Effort.REFIT or not new:
@@ -250,7 +242,7 @@ class PhysicsStructure:
                 return _diverged(choices, start)
             end = problem.descend(point, EVALUATIONS[effort], TOLERANCES[effort])
             if is_rugged(problem) and not np.array_equal(rows, start.rows):
-                end = scattered(problem, end, EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE])
+                end = scattered(problem, end, *FINEST)
             end = refined(problem, end, EVALUATIONS[Effort.COARSE], TOLERANCES[effort])
             return self._result(problem, with_thresholds_between(problem, within_cells(problem, end)), True)
         small = self._rows_of_search(rows)
@@ -264,8 +256,7 @@ class PhysicsStructure:
             coarse = self.fit(choices, rows, noise, start, effort=Effort.COARSE)
             if not coarse.usable:
                 return coarse
-            near = moved(problem, search, coarse.point)
-            on = search.descend_if_finite(near, EVALUATIONS[effort], TOLERANCES[effort])
+            on = search.descend_if_finite(moved(problem, search, coarse.point), *FINEST)
             found += [] if on is None else [on]
         ends = ends_beside(search, plain, self._carried(plain, start), new, effort, found)
         if noise.size > 1 and not found:
@@ -277,9 +268,15 @@ class PhysicsStructure:
         if not ends:
             return _diverged(choices, start)
         if effort is Effort.FINE and is_rugged(search):
-            ends.insert(0, scattered(search, ends[0], EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE]))
+            ends.insert(0, scattered(search, ends[0], *FINEST))
         if effort is Effort.FINE and not search.exact and not agree(ends):
-            ends.insert(0, lengthened(search, ends[0], EVALUATIONS[Effort.FINE], TOLERANCES[Effort.FINE]))
+            ends.insert(0, lengthened(search, ends[0], *FINEST))
+        if effort is Effort.FINE and noise.size > 1 and any(choice.effect.dry for choice in searched):
+            # Where a body sticks and slips there are many minima, and a colour that what is missing has a
+            # part in hides the deepest of them: it is also looked for by the plain error.
+            plainly = self.fit(choices, rows, WHITE, start, effort=effort)
+            on = search.descend_if_finite(moved(problem, search, plainly.point), *FINEST)
+            ends = sorted([*ends, *([] if on is None else [on])], key=cost_of)
         best, found_twice = ends[0], agree(ends)
         if search is not problem:
             last = EVALUATIONS[Effort.FINE] if effort is Effort.FINE else TRIED
@@ -317,7 +314,7 @@ class PhysicsStructure:
             output=free_run(problem, minimum.x),
             rows=problem.rows,
             cost=minimum.cost,
-            n_parameters=problem.size,
+            n_parameters=problem.size - idle_levels(self.setting, problem.choices),
             converged=minimum.status.converged,
             restarts_agree=agree,
             status=SPENT if problem.budget.spent else minimum.status.value,
@@ -343,7 +340,10 @@ class PhysicsStructure:
         problem = self._problem(fit.choices, fit.rows, noise, budget, largest)
         end = problem.descend_if_finite(point, EVALUATIONS[Effort.COARSE], TOLERANCES[Effort.REFIT])
         self.work.note(key, budget.work)
-        return fit if end is None else self._result(problem, within_cells(problem, end), fit.restarts_agree)
+        if end is None:
+            return fit
+        end = with_thresholds_between(problem, within_cells(problem, end))
+        return self._result(problem, end, fit.restarts_agree)
 
     def tangent(self, fit: StructureFit) -> Floats:
         """Return the derivative of the free run by all parameters, shape (n_samples, n_parameters)."""
@@ -386,9 +386,3 @@ class PhysicsStructure:
 def _diverged(choices: Sequence[Choice], start: StructureFit) -> StructureFit:
     """Return a fit that cannot be used: with these effects the model diverges wherever it was tried."""
     return replace(start, choices=tuple(choices), cost=np.inf, converged=False, status=DIVERGES)
-
-
-def _fastest(problem: Problem, start: Floats) -> float:
-    """Return the fastest rate in a sample that a search from a fit follows a plant to."""
-    points = (problem.setting.nominal, start)
-    return max(SAMPLING_RATE, *(f * problem.pace_at(x) for f, x in zip(AS_FAST, points, strict=True)))

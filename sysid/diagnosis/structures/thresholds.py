@@ -1,9 +1,15 @@
 """Thresholds of jumping maps: a record tells only between which two of its inputs they lie."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.structures.structure import Choice
+from sysid.diagnosis.wording import NORMAL_95
+
+# So many cells to each side are tried as the place of a threshold.
+MOST_CELLS = 24
 
 
 def is_switched_by_input(choice: Choice) -> bool:
@@ -32,3 +38,32 @@ def middle_of_cell(levels: Floats, value: float) -> float:
     if not 0 < place < levels.size:
         return value
     return float(0.5 * (levels[place - 1] + levels[place]))
+
+
+def threshold_error(levels: Floats, value: float, rises: Callable[[Floats], Floats]) -> float:
+    """Return the standard error of a threshold whose 95 % interval is the cells in which it may lie.
+
+    Parameters
+    ----------
+    levels : ndarray
+        Sizes of the input, in rising order.
+    value : float
+    rises : callable
+        For thresholds, by how many noise variances the sum of squares is above that of ``value``.
+
+    Examples
+    --------
+    >>> levels = np.array([1.0, 2.0, 3.0, 4.0])
+    >>> round(1.96 * threshold_error(levels, 2.5, lambda values: 9.0 * (values > 4.0)), 2)
+    2.5
+    """
+    edges = np.concatenate([[0.0], levels[levels > 0.0]])
+    place = int(np.clip(np.searchsorted(edges, value, side="right"), 1, edges.size - 1))
+    first, last = max(place - MOST_CELLS, 1), min(place + MOST_CELLS, edges.size - 1)
+    places = np.arange(first, last + 1)
+    may_be = rises(0.5 * (edges[places - 1] + edges[places])) < NORMAL_95**2
+    may_be[place - first] = True
+    excluded = places[~may_be]
+    low = max(excluded[excluded < place], default=first - 1)
+    high = min(excluded[excluded > place], default=last + 1)
+    return float(max(value - edges[low], edges[high - 1] - value)) / NORMAL_95
