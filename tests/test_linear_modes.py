@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from sysid.data import make_record
 from sysid.diagnosis.decide.modes import is_the_plant_again, least_damping, rings
@@ -63,6 +64,26 @@ def test_one_minimum_keeps_its_standard_errors():
     errors, _ = standard_errors(chain, data, fit.point, WHITE, fit.cost)
     again = errors_over_minima(chain, data, fit.point, WHITE, fit.cost, fit.cost / 495.0, errors)
     assert np.allclose(errors, again, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [("in_delay", (2.6, 2.0 + 0.5 / 1.5)), ("out_lowpass", (-1.0 / np.log(0.5), -1.0 / np.log(0.8)))],
+)
+def test_an_effect_that_may_have_changed_places_with_the_plant_is_uncertain(name, values):
+    """A zero at -0.5 is that of a delay by a third of a sample, a pole at 0.8 that of a lag."""
+    rng = np.random.default_rng(6)
+    u = rng.uniform(-1.0, 1.0, 600)
+    late = np.concatenate([np.zeros(2), u[:-2]])
+    delayed = lfilter([0.4, 0.6], [1.0], late) if name == "in_delay" else lfilter([0.5], [1.0, -0.5], u)
+    y = lfilter([0.0, 0.4, 0.2], np.convolve([1.0, -0.8], [1.0, 0.3]), delayed)
+    record = make_record(u, y + 0.01 * rng.standard_normal(600), period=1.0)
+    structure = structure_of(record, "linear", 2, "rest")
+    rows = record.learning
+    fit = structure.fit([choice(name)], rows, WHITE, structure.baseline(rows), effort=Effort.FINE)
+    (found,) = structure.finish(fit, WHITE).parameters_of(name)
+    assert min(abs(found.value - value) for value in values) < 0.1
+    assert all(abs(found.value - value) < 2.0 * found.std_error < 2.0 * np.ptp(values) for value in values)
 
 
 def fit_with(damping, own, frequency=0.5):

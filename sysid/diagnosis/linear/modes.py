@@ -1,4 +1,4 @@
-"""Standard errors where a shape fits about as well elsewhere: a delay by one sample more or less."""
+"""Standard errors where a shape fits about as well elsewhere: a delay by one sample, a lag that is a pole."""
 
 from collections.abc import Iterator
 
@@ -8,6 +8,7 @@ from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.levenberg import Minimum, minimise
 from sysid.diagnosis.linear.rows import Data
+from sysid.diagnosis.linear.trades import traded
 
 # Points of the grid on either side from which other minima are searched.
 NEIGHBOURS = 2
@@ -44,21 +45,27 @@ def errors_over_minima(
     ndarray, like ``errors``
     """
     places, weights = [point], [1.0]
-    for index, values in _shapes(chain, data):
-        own = errors[index]
-        if not np.isfinite(own):
+    for index, minimum in _others(chain, data, point, noise, cost + HOPELESS * variance):
+        if minimum is None or not np.isfinite(errors[index]):
             continue
-        for value in _neighbours(values, float(point[index])):
-            minimum = _other(chain, data, point, noise, (index, value), cost + HOPELESS * variance)
-            if minimum is None:
-                continue
-            worse = (minimum.cost - cost) / variance
-            apart = min(abs(minimum.point[index] - other[index]) for other in places)
-            if worse < UNLIKELY and apart > APART * own:
-                places.append(minimum.point)
-                weights.append(float(np.exp(-0.5 * max(worse, 0.0))))
+        worse = (minimum.cost - cost) / variance
+        apart = min(abs(minimum.point[index] - other[index]) for other in places)
+        if worse < UNLIKELY and apart > APART * errors[index]:
+            places.append(minimum.point)
+            weights.append(float(np.exp(-0.5 * max(worse, 0.0))))
     squares = (np.array(places) - point) ** 2
     return np.sqrt(errors**2 + np.average(squares, axis=0, weights=weights))
+
+
+def _others(
+    chain: Chain, data: Data, point: Floats, noise: Floats, most: float
+) -> Iterator[tuple[int, Minimum | None]]:
+    """Yield minima that may lie elsewhere, with the position of the shape that is searched there."""
+    for index, values in _shapes(chain, data):
+        for value in _neighbours(values, float(point[index])):
+            yield index, _other(chain, data, point, noise, (index, value), most)
+    for index, moved in traded(chain, data, point):
+        yield index, minimise(chain, data, moved, noise, iterations=FULL_ITERATIONS)
 
 
 def _shapes(chain: Chain, data: Data) -> Iterator[tuple[int, Floats]]:
