@@ -7,7 +7,7 @@ import pytest
 
 from sysid.data import make_record
 from sysid.diagnosis.decide.evidence import score_screen
-from sysid.diagnosis.decide.innovations import foreseen
+from sysid.diagnosis.decide.innovations import foreseen, uneven
 from sysid.diagnosis.decide.noise_colour import noise_of
 from sysid.diagnosis.diagnose import diagnose, structure_of
 from sysid.diagnosis.effects.catalogue import find_effects
@@ -149,6 +149,27 @@ def test_what_follows_the_plant_in_a_bent_way_is_foreseen():
     assert told.share == pytest.approx(1 - 1 / (1 + np.var(0.06 * np.abs(z)) / 0.05**2), abs=0.25)
     few = np.arange(1200) < 300  # too few for as many directions
     assert not foreseen(record, few & record.learning, r, WHITE).plainly
+
+
+def test_the_size_of_innovations_goes_with_nothing():
+    chances = []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        u, z, r = linear_run(rng, 1200, rng.uniform(0.3, 0.97))
+        record = make_record(u, z + r, 0.1)
+        rows = record.learning
+        chances.append(uneven(record, rows, r, noise_of(r, rows).polynomial).p_value)
+    assert min(chances) > 1e-4
+    assert 0.2 < np.median(chances) < 0.8
+
+
+def test_samples_at_odd_times_are_no_noise():
+    """What a clock errs by goes with how fast the output moves, not with where it is or what drives it."""
+    rng = np.random.default_rng(3)
+    u, z, _ = linear_run(rng, 1200, 0.5)
+    y = z + 0.3 * rng.standard_normal(1200) * np.gradient(z) + 0.005 * rng.standard_normal(1200)
+    found = diagnose(make_record(u, y, 0.1), order=2, effects=["in_delay", "out_lowpass", "coloured_noise"])
+    assert (found.verdict, found.accepted) == ("unexplained", ())
 
 
 def test_without_directions_a_fit_decides():

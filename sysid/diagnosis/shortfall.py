@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sysid.diagnosis.ports import PortCurve
 
 # At the place of a law a curve of free form that leaves less than this share of its error is another law.
-RESEMBLED = 0.8
+RESEMBLED = 0.9
 # Every curve holds these.
 CONSTANTS, ANYWHERE = ("out_offset", "constant_force"), "anywhere"
 
@@ -78,8 +78,8 @@ def resembled(record: "Record", decision: Decision, curves: "Sequence[PortCurve]
     """Return the curve that says that the named effects only resemble what is missing, if one does.
 
     At the place of a true law no curve of free form does better, but for chance: there it must leave clearly
-    less on held-out rows.  Where effects are at several places no single curve comes closer to what all leave
-    than to what all but one do, unless they share out between them what it is.
+    less on held-out rows.  Where effects are at several places no single curve leaves about what all leave,
+    and less than all but one, unless they share out between them what it is.
 
     Parameters
     ----------
@@ -93,11 +93,11 @@ def resembled(record: "Record", decision: Decision, curves: "Sequence[PortCurve]
     places = {_port_of(choice) for choice in decision.final.choices} - {ANYWHERE}
     if all(curve.port != "position" for curve in curves):  # the motion that forces depend on is one
         places = {"velocity" if place == "position" else place for place in places}
-    between = max(float(np.sqrt(errors[-2] * errors[-1])), errors[-1])
+    between = min(np.sqrt(errors[-2] * errors[-1]), errors[-1] / RESEMBLED)
 
     def is_better(curve: "PortCurve") -> bool:
         own = len(decision.fits) == 1 or places <= {curve.port}
-        limit = RESEMBLED * errors[-1] if own else between
+        limit = RESEMBLED * errors[-1] if own else max(between, errors[-1])
         return bool((1.0 - curve.explains_at_most) * errors[0] < limit)
 
     return next(filter(is_better, curves), None)

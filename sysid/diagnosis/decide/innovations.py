@@ -2,7 +2,8 @@
 
 A free run that has lost the plant, as behind a gap that a shaft crosses now here and now there, leaves an
 error that follows nothing in the run, so that it passes for noise with a memory.  But the innovations of such
-noise follow nothing that was measured before them, in no linear and no other way.
+noise follow nothing that was measured before them, in no linear and no other way.  Nor does their size follow
+the signals: that of samples taken too early or too late goes with how fast the output moves.
 """
 
 from typing import NamedTuple
@@ -18,12 +19,14 @@ from sysid.diagnosis.structures.structure import filtered
 LAGS, FURTHER = 12, 4
 # Innovations are foreseen when so unlikely by chance, and by this share of their squares.
 FORESEEN_P_VALUE, FORESEEN_SHARE = 1e-5, 0.02
+# Samples by which the input comes before an innovation whose size goes with it.
+SIZE_LAGS = range(3)
 # Rows for each direction that is tried.
 ROWS_PER_DIRECTION = 4
 
 
 class Foreseen(NamedTuple):
-    """The chance that earlier measurements foresee as much of innovations, and what share that is."""
+    """The chance that noise lets signals foresee as much of innovations or of their size, and what share."""
 
     p_value: float
     share: float
@@ -62,6 +65,37 @@ def foreseen(record: Record, rows: Mask, residual: Floats, noise: Floats) -> For
     known = orthonormal(linear)
     target = without(_normal_scores(without(innovations[times], known)), known)
     found = remainder(target, linear, without(bent, known))
+    return Foreseen(found.p_value, found.explained / max(float(target @ target), 1e-300))
+
+
+def uneven(record: Record, rows: Mask, residual: Floats, noise: Floats) -> Foreseen:
+    """Return how well the signals foretell the size of the innovations of a residual.
+
+    Parameters
+    ----------
+    record : Record
+    rows : ndarray of bool, shape (n_samples,)
+        Rows that may be looked at.
+    residual : ndarray, shape (n_samples,)
+        Measurement less free run.
+    noise : ndarray
+        D(q) of the noise.
+
+    References
+    ----------
+    Breusch & Pagan (1979), Econometrica 47, 1287-1294; here of the ranks of sizes, which a few large
+    innovations cannot move.
+    """
+    used = rows & np.isfinite(record.y[:, 0])
+    innovations = filtered(residual, used, noise)
+    run = np.where(used, record.y[:, 0] - residual, 0.0)
+    drives = [record.u[:, 0], np.diff(record.u[:, 0], prepend=record.u[0, 0])]
+    signals = [np.roll(drive, lag) for drive in drives for lag in SIZE_LAGS]
+    signals += [run, np.gradient(run), np.gradient(np.gradient(run))]
+    sizes = [np.abs(signal - np.median(signal[used])) for signal in signals]
+    columns = np.column_stack([power for size in sizes for power in (size, size**2)])[used]
+    target = _normal_scores(np.abs(innovations))
+    found = remainder(target, np.ones((target.size, 1)), columns)
     return Foreseen(found.p_value, found.explained / max(float(target @ target), 1e-300))
 
 

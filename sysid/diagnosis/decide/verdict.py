@@ -7,8 +7,9 @@ import numpy as np
 
 from sysid.data.record import Mask
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
-from sysid.diagnosis.decide.innovations import foreseen
+from sysid.diagnosis.decide.innovations import Foreseen, foreseen, uneven
 from sysid.diagnosis.decide.modes import MODE
+from sysid.diagnosis.decide.noise_colour import Noise
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, Evidence
 from sysid.diagnosis.decide.stand_ins import stand_in
 from sysid.diagnosis.structures.structure import WHITE, Effort, StructureFit, with_fine_steps
@@ -96,13 +97,12 @@ class Judge:
                 "unexplained", baseline, rungs, tuple(accepted) if useful else self.given, trials, (), noise,
                 left_p, left_share, floor, tuple(accepted), self.given, stands_in=stands_in,
             )  # fmt: skip
-        if not fits and coloured:
-            told = foreseen(evidence.structure.record, rows, evidence.residual(final), noise.polynomial)
-            if told.plainly:  # a memory, but not that of a noise
-                return Decision(
-                    "unexplained", baseline, (), self.given, trials, (), noise, told.p_value, 1.0, floor,
-                    (), self.given,
-                )  # fmt: skip
+        told = None if fed_back else self._foretold(final, noise, coloured)
+        if told is not None:
+            return Decision(
+                "unexplained", baseline, tuple(fits[: len(self.given)]), self.given, trials, (), noise,
+                told.p_value, 1.0, floor, tuple(accepted), self.given,
+            )  # fmt: skip
         if self.memory_asked and coloured:
             accepted.append(NOISE_EFFECT)
         verdict = "missing-effect" if fits else ("coloured-noise" if accepted else "nothing-missing")
@@ -110,6 +110,16 @@ class Judge:
             verdict, baseline, tuple(fits), tuple(accepted), trials, tie, noise, left_p, left_share, floor,
             (), self.given, fed_back,
         )  # fmt: skip
+
+    def _foretold(self, final: StructureFit, noise: Noise, coloured: bool) -> Foreseen | None:
+        """Return what foretells innovations that are none, or their size; None where it is noise.
+
+        Beside effects a size goes with the signals wherever a kink lies not quite in its place.
+        """
+        record, residual = self.evidence.structure.record, self.evidence.residual(final)
+        asked = ([foreseen] if coloured else []) + ([] if final.choices else [uneven])
+        told = (ask(record, record.learning, residual, noise.polynomial) for ask in asked)
+        return next((one for one in told if one.plainly), None)
 
     def _lost(self, baseline: StructureFit, final: StructureFit) -> bool:
         """Tell whether effects have brought nothing: the plant is lost on held-out rows as without them."""
