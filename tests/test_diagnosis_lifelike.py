@@ -170,6 +170,17 @@ def test_samples_at_odd_times_are_no_noise():
     y = z + 0.3 * rng.standard_normal(1200) * np.gradient(z) + 0.005 * rng.standard_normal(1200)
     found = diagnose(make_record(u, y, 0.1), order=2, effects=["in_delay", "out_lowpass", "coloured_noise"])
     assert (found.verdict, found.accepted) == ("unexplained", ())
+    assert "samples that are taken too early or too late" in found.advice
+
+
+@pytest.mark.parametrize("constant", [0.0, 0.7, 2.0])
+def test_a_sensor_may_be_noisier_at_some_levels(constant):
+    """The error of a sensor in per cent of what it reads is noise, whatever level the plant works about."""
+    rng = np.random.default_rng(4)
+    u, z, _ = linear_run(rng, 1200, 0.5)
+    y = z + 0.03 * rng.standard_normal(1200) * (constant * z.std() + np.abs(z))
+    found = diagnose(make_record(u, y, 0.1), order=2, effects=["in_delay", "out_lowpass", "coloured_noise"])
+    assert found.verdict == "nothing-missing"
 
 
 def test_without_directions_a_fit_decides():

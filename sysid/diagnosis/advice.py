@@ -16,6 +16,11 @@ CUT_SHORT = (
     " The search ended before all combinations of effects were tried, for its simulations had taken as many "
     "steps as a search is given: go on to its end with --thorough (thorough=True)."
 )
+SIZE_FORETOLD = (
+    "What is left follows neither input nor output, as noise does, but its size goes with the input or with "
+    "how fast the output moves, as that of no sensor's noise: look for samples that are taken too early or "
+    "too late, for a delay or a gain that changes from row to row, or for an input that did not act at times."
+)
 # Of a wide tie so many are named.
 MOST_NAMED = 4
 
@@ -34,6 +39,8 @@ def _by_verdict(structure: Structure, decision: Decision, accepted: Sequence[str
             "fix known parameters with --fix, give better starts with --param, or measure with a richer "
             "input."
         )
+    if decision.size_foretold:
+        return SIZE_FORETOLD
     if decision.verdict == "unexplained":
         left = f"{percent(decision.left_share)} of the explainable error"
         tried = " and ".join(decision.rejected)

@@ -78,6 +78,8 @@ class Decision:
         Whether what came closest is, where it ended, something else than its name says.
     resembled_at : str
         Port at which one curve of free form does as much as all that was found; empty if none does.
+    size_foretold : bool
+        Whether what is left looks like noise but for its size, which goes with the input or the motion.
     """
 
     verdict: str
@@ -96,6 +98,7 @@ class Decision:
     cut_short: bool = False
     stands_in: bool = False
     resembled_at: str = ""
+    size_foretold: bool = False
 
     @property
     def final(self) -> StructureFit:

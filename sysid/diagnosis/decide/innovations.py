@@ -2,8 +2,8 @@
 
 A free run that has lost the plant, as behind a gap that a shaft crosses now here and now there, leaves an
 error that follows nothing in the run, so that it passes for noise with a memory.  But the innovations of such
-noise follow nothing that was measured before them, in no linear and no other way.  Nor does their size follow
-the signals: that of samples taken too early or too late goes with how fast the output moves.
+noise follow nothing that was measured before them, in no linear and no other way.  Nor does their size, but
+for the level of the output: that of samples taken too early or too late goes with how fast the output moves.
 """
 
 from typing import NamedTuple
@@ -19,17 +19,22 @@ from sysid.diagnosis.structures.structure import filtered
 LAGS, FURTHER = 12, 4
 # Innovations are foreseen when so unlikely by chance, and by this share of their squares.
 FORESEEN_P_VALUE, FORESEEN_SHARE = 1e-5, 0.02
-# Samples by which the input comes before an innovation whose size goes with it.
-SIZE_LAGS = range(3)
+# Samples by which the input comes before an innovation whose size goes with it, and knots of the function of
+# the output's level that the size of a sensor's noise may be.
+SIZE_LAGS, LEVELS = range(3), 16
 # Rows for each direction that is tried.
 ROWS_PER_DIRECTION = 4
 
 
 class Foreseen(NamedTuple):
-    """The chance that noise lets signals foresee as much of innovations or of their size, and what share."""
+    """The chance that noise lets signals foresee as much of innovations, and what share.
+
+    ``of_size`` tells whether it is their size that is foreseen.
+    """
 
     p_value: float
     share: float
+    of_size: bool = False
 
     @property
     def plainly(self) -> bool:
@@ -69,7 +74,9 @@ def foreseen(record: Record, rows: Mask, residual: Floats, noise: Floats) -> For
 
 
 def uneven(record: Record, rows: Mask, residual: Floats, noise: Floats) -> Foreseen:
-    """Return how well the signals foretell the size of the innovations of a residual.
+    """Return how well the input and the motion foretell the size of the innovations of a residual.
+
+    Sensors are noisier at some levels than at others: what the output's level foretells is put aside.
 
     Parameters
     ----------
@@ -91,12 +98,14 @@ def uneven(record: Record, rows: Mask, residual: Floats, noise: Floats) -> Fores
     run = np.where(used, record.y[:, 0] - residual, 0.0)
     drives = [record.u[:, 0], np.diff(record.u[:, 0], prepend=record.u[0, 0])]
     signals = [np.roll(drive, lag) for drive in drives for lag in SIZE_LAGS]
-    signals += [run, np.gradient(run), np.gradient(np.gradient(run))]
+    signals += [np.gradient(run), np.gradient(np.gradient(run))]
     sizes = [np.abs(signal - np.median(signal[used])) for signal in signals]
     columns = np.column_stack([power for size in sizes for power in (size, size**2)])[used]
+    knots = np.unique(np.quantile(run[used], np.linspace(0.0, 1.0, LEVELS)))
+    levels = np.column_stack([np.interp(run[used], knots, hat) for hat in np.eye(knots.size)])
     target = _normal_scores(np.abs(innovations))
-    found = remainder(target, np.ones((target.size, 1)), columns)
-    return Foreseen(found.p_value, found.explained / max(float(target @ target), 1e-300))
+    found = remainder(target, levels, columns)
+    return Foreseen(found.p_value, found.explained / max(float(target @ target), 1e-300), of_size=True)
 
 
 def _normal_scores(values: Floats) -> Floats:

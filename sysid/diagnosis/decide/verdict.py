@@ -101,7 +101,7 @@ class Judge:
         if told is not None:
             return Decision(
                 "unexplained", baseline, tuple(fits[: len(self.given)]), self.given, trials, (), noise,
-                told.p_value, 1.0, floor, tuple(accepted), self.given,
+                told.p_value, 1.0, floor, tuple(accepted), self.given, size_foretold=told.of_size,
             )  # fmt: skip
         if self.memory_asked and coloured:
             accepted.append(NOISE_EFFECT)

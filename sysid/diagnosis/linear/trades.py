@@ -21,6 +21,8 @@ def traded(chain: Chain, data: Data, point: Floats) -> Iterator[tuple[int, Float
     """
     n = chain.order
     for choice, place in zip(chain.choices, chain.places(data), strict=True):
+        if choice.name not in (*DELAYS, LAG):
+            continue
         value = float(point[place.start]) / data.period
         if choice.name in DELAYS:
             whole, part = divmod(value, 1.0)
@@ -31,7 +33,7 @@ def traded(chain: Chain, data: Data, point: Floats) -> Iterator[tuple[int, Float
                     moved[n : 2 * n] = _exchanged(point[n : 2 * n], [1.0 - part, part], [1.0 - other, other])
                     moved[place.start] = (whole + other) * data.period
                     yield place.start, moved
-        elif choice.name == LAG and value > 0.0:
+        elif value > 0.0:
             own, a = float(np.exp(-1.0 / value)), np.concatenate([[1.0], point[:n]])
             for pole in _real_roots(a):
                 if 0.0 < pole < 1.0:
