@@ -162,6 +162,19 @@ def test_a_stuck_shaft_is_let_go_to_the_side_where_nothing_holds_it():
     assert np.abs(coarse - fine).max() < 1e-4 * np.std(fine)
 
 
+def test_a_step_may_end_next_to_a_stop_while_the_speed_rises_again():
+    """A contact too stiff for its steps shakes a body; the run ends in not a number, not in an error."""
+    plant = ForcedPlant(load_model("positioning-stage"), 0.00921)
+    values = np.array([[44.7, 388.0, 1.0, 0.0]])
+    stiff = {"elastic": 2.06e5, "yield": 2.65}
+    for seed in range(20):
+        draws = np.random.default_rng(seed)
+        u = 80.0 * draws.standard_normal(300)
+        cubic = 3.1e7 * np.exp(draws.standard_normal())
+        laws = law(friction_forward=43.7, friction_back=43.7, cubic=cubic, **stiff)[np.newaxis]
+        assert np.isfinite(plant.run(values, laws, u)[0, :2]).all()
+
+
 @pytest.mark.parametrize("bend", [0.0, -1.4, 0.6])
 def test_a_presliding_contact_agrees_with_scipy(bend):
     u, period = levels(50, 5), 0.1

@@ -230,30 +230,31 @@ def time_of_event(
     """Return the step at whose end the mode ends, and the state there; ``end`` is that after ``far``.
 
     Each parabola has the margin, and its slope, of the last point, and the margin at the nearest one on the
-    other side, so that its root lies between them.  A body that slides slows down at a known rate; the slope
-    of a holding force is that of a secant.
+    other side, so that its root lies between them.  At first the slope is the rate at which a body slows
+    down, where it slides; then that of a secant, for under coarse steps a run does not follow its rates.
     """
     other, at_other = near, margin(w, n, same, z, mode, own)
     if near > 0.0:
         at_other = margin(w, n, same, called_step(w, n, same, z, mode, near, own), mode, own)
     last, value = far, margin(w, n, same, end, mode, own)
-    before, at_before, size = other, at_other, at_other - value
+    size = at_other - value
+    slope = size / (other - last) if mode == STUCK else mode * rates(w, n, same, end, mode, own)[0]
     for _ in range(ROOT_STEPS):
-        if mode == STUCK:
-            slope = (value - at_before) / (last - before)
-        else:
-            slope = mode * rates(w, n, same, end, mode, own)[0]
         width = other - last
         bend = (at_other - value - slope * width) / (width * width)
         root = math.sqrt(max(slope * slope - 4.0 * bend * value, 0.0))
+        # The form of the root in which nothing cancels, whatever is next to zero.
+        sum_of_both = -0.5 * (slope + math.copysign(root, slope))
+        falls = slope != 0.0 and (slope < 0.0) == ((value < 0.0) == (width < 0.0))
         before, at_before = last, value
-        last -= 2.0 * value / (slope - math.copysign(root, value * width))
+        last += value / sum_of_both if falls else math.copysign(sum_of_both / bend, width)
         end = called_step(w, n, same, z, mode, last, own)
         value = margin(w, n, same, end, mode, own)
         if abs(value) <= EVENT_TOLERANCE * size or abs(last - before) <= 1e-15 * far:
             break
-        if value * at_before < 0.0:
+        if (value < 0.0) != (at_before < 0.0):
             other, at_other = before, at_before
+        slope = (value - at_before) / (last - before)
     return last, end
 
 
