@@ -1,5 +1,7 @@
 """Names that only resemble what is missing: one law that is not theirs explains as much."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -7,6 +9,8 @@ from scipy.signal import lfilter
 
 import sysid
 from sysid.data import make_record
+from sysid.diagnosis.effects import find_effects
+from sysid.diagnosis.shortfall import resembled
 
 PERIOD, N = 0.1, 1500
 SENSOR = ("out_saturation", "out_lowpass")
@@ -75,3 +79,25 @@ def test_two_effects_stand_in_for_one_if_a_single_curve_does_as_much(limited, sl
     assert (found.verdict, found.decision.rejected) == ("unexplained", SENSOR)
     assert found.decision.resembled_at == found.ports[0].port == "input"
     assert "stood in for something else: one free-form curve at the input explains as much" in found.advice
+
+
+@pytest.mark.parametrize(
+    ("names", "port", "left", "taken"),
+    [
+        pytest.param(("out_quadratic", "in_deadzone"), "output", 1.05, True, id="as much as both"),
+        pytest.param(("out_quadratic", "in_deadzone"), "output", 1.2, False, id="less than both"),
+        pytest.param(("in_saturation", "in_deadzone"), "input", 0.95, False, id="both at its place"),
+        pytest.param(("in_saturation", "in_deadzone"), "input", 0.85, True, id="another law there"),
+        pytest.param(("in_saturation", "out_offset"), "input", 0.95, False, id="beside a constant"),
+        pytest.param(("coulomb", "cubic_stiffness"), "velocity", 0.95, False, id="one motion"),
+    ],
+)
+def test_where_a_curve_stands_says_how_well_it_must_do(names, port, left, taken):
+    """Of errors 100 without effects, 40 with one and 1 with two, a curve leaves about as much as both."""
+    record = SimpleNamespace(validation=np.ones(1, dtype=bool), y=np.zeros((1, 1)))
+    choices = [SimpleNamespace(effect=e, name=e.name, form=e.forms[0]) for e in find_effects(names)]
+    fits = [SimpleNamespace(output=np.array([np.sqrt(error)]), choices=choices) for error in (40.0, 1.0)]
+    plain = SimpleNamespace(output=np.array([10.0]))
+    decision = SimpleNamespace(baseline=plain, fits=fits, final=fits[-1])
+    curve = SimpleNamespace(port=port, explains_at_most=1.0 - left / 100.0)
+    assert (resembled(record, decision, [curve]) is curve) == taken
