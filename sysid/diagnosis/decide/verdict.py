@@ -97,11 +97,11 @@ class Judge:
                 "unexplained", baseline, rungs, tuple(accepted) if useful else self.given, trials, (), noise,
                 left_p, left_share, floor, tuple(accepted), self.given, stands_in=stands_in,
             )  # fmt: skip
-        told = None if fed_back else self._foretold(final, noise, coloured)
+        told = None if fits or fed_back else self._foretold(final, noise, coloured)
         if told is not None:
             return Decision(
-                "unexplained", baseline, tuple(fits[: len(self.given)]), self.given, trials, (), noise,
-                told.p_value, 1.0, floor, tuple(accepted), self.given, size_foretold=told.of_size,
+                "unexplained", baseline, (), self.given, trials, (), noise, told.p_value, 1.0, floor,
+                (), self.given, size_foretold=told.of_size,
             )  # fmt: skip
         if self.memory_asked and coloured:
             accepted.append(NOISE_EFFECT)
@@ -114,10 +114,11 @@ class Judge:
     def _foretold(self, final: StructureFit, noise: Noise, coloured: bool) -> Foreseen | None:
         """Return what foretells innovations that are none, or their size; None where it is noise.
 
-        Beside effects a size goes with the signals wherever a kink lies not quite in its place.
+        It is asked without effects only.  Beside true ones a measured record holds details, which every
+        innovation follows, and a size goes with the signals wherever a kink lies not quite in its place.
         """
         record, residual = self.evidence.structure.record, self.evidence.residual(final)
-        asked = ([foreseen] if coloured else []) + ([] if final.choices else [uneven])
+        asked = (foreseen, uneven) if coloured else (uneven,)
         told = (ask(record, record.learning, residual, noise.polynomial) for ask in asked)
         return next((one for one in told if one.plainly), None)
 
