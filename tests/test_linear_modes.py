@@ -86,6 +86,15 @@ def test_an_effect_that_may_have_changed_places_with_the_plant_is_uncertain(name
     assert all(abs(found.value - value) < 2.0 * found.std_error < 2.0 * np.ptp(values) for value in values)
 
 
+def test_an_effect_without_parameters_has_nothing_to_trade():
+    u = np.random.default_rng(7).uniform(-1.0, 1.0, 400)
+    y = np.abs(lfilter([0.0, 0.5], [1.0, -0.8], u + 0.5))
+    structure = structure_of(make_record(u, y, period=1.0), "linear", 1, "rest")
+    rows = structure.record.learning
+    fit = structure.fit([choice("out_rectify")], rows, WHITE, structure.baseline(rows), effort=Effort.FINE)
+    assert structure.finish(fit, WHITE).parameters_of("out_rectify") == ()
+
+
 def fit_with(damping, own, frequency=0.5):
     parameters = [FittedParameter(name, value, 0.0, "") for name, value in own.items()]
     parameters.append(FittedParameter("frequency", frequency, 0.0, "rad/s", "extra_mode"))
