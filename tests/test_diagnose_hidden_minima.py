@@ -96,3 +96,21 @@ def test_a_known_mass_leaves_the_level_free():
     told = {p.name: p for p in structure.finish(fit, WHITE).parameters}
     assert abs(told["level"].value - 2.0) < 2.6 * told["level"].std_error < 0.1
     assert abs(told["threshold"].value - 0.3) < 1.96 * told["threshold"].std_error < 0.02
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_quantiser_is_found_far_from_zero(seed):
+    """Of many counts a step that is off by some per cent makes nearly every reading the one beside it."""
+    rng = np.random.default_rng(seed)
+    u = 1.5 + np.repeat(rng.uniform(-1.0, 1.0, 200), 3)
+    plant = ForcedPlant(load_model("two-tanks"), 6.0)
+    x = plant.run(np.array([[0.08, 0.035, 0.07]]), law()[np.newaxis], u)[0]
+    step = 0.8 * x.std()
+    y = step * np.round(x / step) + 0.45 * step * coloured(u.size, 0.7, rng)
+    record = make_record(u, y, period=6.0)
+    structure = structure_of(record, "two-tanks", None, "rest", {"a1": 0.09, "a2": 0.039, "b": 0.078})
+    base = structure.baseline(record.learning)
+    (quantiser,) = find_effects(["out_quantisation"])
+    choices = (Choice(quantiser, quantiser.forms[0]),)
+    fit = structure.fit(choices, record.learning, WHITE, base, effort=Effort.COARSE)
+    assert abs(fit.parameters_of("out_quantisation")[0].value / step - 1.0) < 0.02

@@ -75,9 +75,10 @@ class Grid:
         if kind == "rise":
             return _rises(signal, points) / period
         if kind == "count":
-            from sysid.diagnosis.effects.counts import counts
+            from sysid.diagnosis.effects.counts import closely, counts
 
-            return np.sort(np.concatenate([points * (float(np.std(signal)) or 1.0), counts(signal)]))
+            steps = closely(points * (float(np.std(signal)) or 1.0), signal)
+            return np.sort(np.concatenate([steps, counts(signal)]))
         if kind == "deviation":
             moved = np.diff(signal) if self.scale.startswith("speed") else signal
             return points * (float(np.std(moved)) or 1.0)

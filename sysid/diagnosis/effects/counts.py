@@ -1,5 +1,7 @@
 """The step of a quantiser, read off the values that a measured signal takes."""
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +13,9 @@ MOST_ROWS, MOST_STEPS = 1_000, 4_000
 # Points in the reciprocal of the step for a turn of the phase at the largest value.
 RESOLUTION = 8
 KEPT = 3
+# Of the values so many have another count from one step of a grid to the next, from this multiple of the
+# deviation on: a finer step is lost in any noise where no gathering of the values shows it.
+CHANGED, FINE_FROM, MOST_BETWEEN = 0.1, 0.25, 8
 # A sum of cosines of random phases has a deviation of the root of half their number.
 SIGNIFICANT = 5.0
 
@@ -60,6 +65,31 @@ def counts(signal: Floats) -> Floats:
     bend = before[peaks] - 2.0 * here[peaks] + after[peaks]
     shift = np.where(bend < 0.0, 0.5 * (before[peaks] - after[peaks]) / np.where(bend < 0.0, bend, -1.0), 0.0)
     return np.asarray(1.0 / (reciprocals[1 + peaks] + spacing * shift))
+
+
+def closely(steps: Floats, signal: Floats) -> Floats:
+    """Return a grid of steps so close that between two of them few values change their count.
+
+    Next to the right step most values still have their counts, and from there a search finds it; farther off
+    each value that has the count beside it costs more than the quantiser does, as if there were none.
+
+    Parameters
+    ----------
+    steps : ndarray
+        In rising order.
+    signal : ndarray, shape (n_samples,)
+
+    Examples
+    --------
+    >>> closely(np.array([0.5, 0.6, 4.0]), np.array([-1.0, 1.0])).round(2).tolist()[:5]
+    [0.5, 0.53, 0.56, 0.6, 0.76]
+    """
+    size, deviation = float(np.sqrt(np.mean(signal**2))), float(np.std(signal))
+    found = [steps[:1]]
+    for low, high in itertools.pairwise(steps):
+        changed = size / low - size / high if low >= FINE_FROM * deviation else 0.0
+        found.append(np.geomspace(low, high, 1 + int(np.clip(changed / CHANGED, 1, MOST_BETWEEN)))[1:])
+    return np.concatenate(found)
 
 
 def _mean_cosines(angles: Floats, steps: Floats, count: int) -> Floats:

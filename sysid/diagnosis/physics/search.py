@@ -112,7 +112,7 @@ def _places(problem: Problem, new: Sequence[int]) -> tuple[list[int], list[int]]
 def _combinations(problem: Problem, new: Sequence[int]) -> list[tuple[float, ...]]:
     """Return the values of the shape parameters to be tried, thinned out where they are too many."""
     axes = [axis for i in new for axis in shape_values(problem, i)]
-    while np.prod([len(axis) for axis in axes]) > MOST_COMBINATIONS:
+    while len(axes) > 1 and np.prod([len(axis) for axis in axes]) > MOST_COMBINATIONS:
         longest = max(range(len(axes)), key=lambda k: len(axes[k]))
         axes[longest] = axes[longest][::2] if len(axes[longest]) > 2 else axes[longest][:1]
     return list(product(*axes))
