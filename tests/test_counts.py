@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sysid.diagnosis.effects.counts import _mean_cosines
+from sysid.diagnosis.effects.counts import _gathered
 
 
 def test_cosines_in_blocks_are_those_of_the_definition():
@@ -12,4 +12,4 @@ def test_cosines_in_blocks_are_those_of_the_definition():
     for count in (1, 2, 10, 997, 4000):
         k = np.arange(count)
         direct = np.cos(0.7 * y + np.outer(k, 0.02 * y)).mean(axis=1)
-        np.testing.assert_allclose(_mean_cosines(0.7 * y, 0.02 * y, count), direct, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(_gathered(0.7 * y, 0.02 * y, count, False), direct, rtol=0, atol=1e-12)

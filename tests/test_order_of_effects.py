@@ -1,5 +1,7 @@
 """Two effects at one port: which of them acts first is asked of the record."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -151,3 +153,44 @@ def test_where_a_path_beside_the_plant_begins_is_asked_of_the_record(family: str
     assert chosen.form.name == form
     (gain,) = found.final.fitted.parameters_of("feedthrough")
     assert abs(gain.value - 0.3) < 4.0 * gain.std_error < 0.05
+
+
+def test_a_quantiser_before_an_offset_is_seen_where_it_stands() -> None:
+    """Its counts are moved by what is added behind it, and no multiples of its step."""
+    rng = np.random.default_rng(4)
+    u = np.repeat(rng.uniform(-1.0, 1.0, 300), 4)
+    z = np.zeros(u.size)
+    for k in range(1, u.size):
+        z[k] = 0.9 * z[k - 1] + u[k - 1]
+    y = 1.5 * np.round(z / 1.5) + 2.2 + 0.05 * rng.standard_normal(u.size)
+    effects = ["out_offset", "out_quantisation", "out_quadratic", "in_preload", "op_gain"]
+    found = diagnose(make_record(u, y, period=0.1), order=1, initial_state="rest", effects=effects)
+    assert set(found.accepted) == {"out_quantisation", "out_offset"}
+    assert found.final.fitted.names == ("out_quantisation", "out_offset")
+    assert found.final.fitted.parameters_of("out_quantisation")[0].value == pytest.approx(1.5, abs=0.01)
+
+
+def test_thresholds_are_searched_again_beside_a_second_effect() -> None:
+    """Alone a relay stands where it also does what a stiffening spring does."""
+    rng = np.random.default_rng(6)
+    u = rng.uniform(-1.0, 1.0, 900)
+    z, x = np.zeros(u.size), np.where(np.abs(u) > 0.3, np.sign(u), 0.0)
+    for k in range(2, u.size):
+        pushed = (x[k - lag] - 0.05 * z[k - lag] ** 3 for lag in (1, 2))
+        z[k] = 1.5 * z[k - 1] - 0.7 * z[k - 2] + np.dot((0.5, 0.3), [*pushed])
+    record = make_record(u, z + 0.02 * rng.standard_normal(u.size), period=0.1)
+    structure = LinearStructure(record, 2, initial_state="rest")
+    relay, spring = (Choice(e, e.forms[0]) for e in find_effects(["in_relay", "cubic_stiffness"]))
+    rows = record.estimation
+    right = structure.baseline(rows)
+    for choices in ([relay], [relay, spring]):
+        right = structure.fit(choices, rows, WHITE, right, effort=Effort.FINE)
+    place = 4
+    wrong = replace(right, point=np.where(np.arange(right.point.size) == place, 0.26, right.point))
+    structure = LinearStructure(record, 2, initial_state="rest")  # remembers nothing
+    evidence = Evidence(structure, record.estimation, record.validation, 0.01)
+    wrong = structure.fit([relay, spring], rows, WHITE, wrong, effort=Effort.REFIT)
+    assert wrong.parameters_of("in_relay")[0].value == pytest.approx(0.26)
+    found = freed(evidence, wrong, 0)
+    assert found.parameters_of("in_relay")[0].value == pytest.approx(0.3, abs=0.01)
+    assert found.cost < 0.5 * wrong.cost

@@ -228,16 +228,10 @@ class Trials:
     ) -> Trial:
         """Fit an effect in some of its forms; return the best."""
         best = Trial(effect.name, None, WHITE_NOISE, np.inf)
-        structure, rows = self.evidence.structure, self.evidence.rows
         for form in effect.forms:
             if form not in forms:
                 continue
-            choices = (*current.choices, Choice(effect, form))
-            fit = structure.fit(choices, rows, noise.polynomial, current, effort=effort)
-            if form.jumps and noise.order > 0:
-                # The colour without it is that of its steps: by it these are the wildest of innovations.
-                plain = structure.fit(choices, rows, WHITE, current, effort=effort)
-                fit = min((fit, plain), key=lambda one: self.evidence.cost(one, WHITE_NOISE))
+            fit = self._beside(current, Choice(effect, form), noise, effort)
             if not fit.usable:
                 continue
             if effort is Effort.FINE:
@@ -246,6 +240,28 @@ class Trials:
             if criterion < best.criterion:
                 best = Trial(effect.name, fit, noise, criterion)
         return best
+
+    def _beside(self, current: StructureFit, new: Choice, noise: Noise, effort: Effort) -> StructureFit:
+        """Fit an effect behind those that are there, and what jumps also before the maps at its port.
+
+        What a sensor adds behind its counts moves all of them: taken off before, it leaves none to be seen.
+        """
+        structure, rows = self.evidence.structure, self.evidence.rows
+        there = current.choices
+        orders = [(*there, new)]
+        before = [i for i, choice in enumerate(there) if choice.effect.port == new.effect.port]
+        if new.form.jumps and before and before[0] >= self.evidence.n_given:
+            orders.append((*there[: before[0]], new, *there[before[0] :]))
+        # The colour without it is that of its steps: by it these are the wildest of innovations.
+        colours = [noise.polynomial, *([WHITE] if new.form.jumps and noise.order > 0 else [])]
+        fits = [
+            structure.fit(choices, rows, colour, current, effort=effort)
+            for choices in orders
+            for colour in colours
+        ]
+        if len(fits) == 1:
+            return fits[0]
+        return min(fits, key=lambda one: self.evidence.cost(one, WHITE_NOISE) if one.usable else np.inf)
 
     def _judged(
         self, current: StructureFit, trials: Sequence[Trial], screen: ScoreScreen, colour: Noise

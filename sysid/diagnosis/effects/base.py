@@ -75,10 +75,10 @@ class Grid:
         if kind == "rise":
             return _rises(signal, points) / period
         if kind == "count":
-            from sysid.diagnosis.effects.counts import closely, counts
+            from sysid.diagnosis.effects.counts import closely, counts_tried
 
             steps = closely(points * (float(np.std(signal)) or 1.0), signal)
-            return np.sort(np.concatenate([steps, counts(signal)]))
+            return np.sort(np.concatenate([steps, counts_tried(signal)]))
         if kind == "deviation":
             moved = np.diff(signal) if self.scale.startswith("speed") else signal
             return points * (float(np.std(moved)) or 1.0)

@@ -16,11 +16,13 @@ KEPT = 3
 # Of the values so many have another count from one step of a grid to the next, from this multiple of the
 # deviation on: a finer step is lost in any noise where no gathering of the values shows it.
 CHANGED, FINE_FROM, MOST_BETWEEN = 0.1, 0.25, 8
+# A step that is read off twice differs by less, as a share: a search narrows it down between its neighbours.
+APART = 0.02
 # A sum of cosines of random phases has a deviation of the root of half their number.
 SIGNIFICANT = 5.0
 
 
-def counts(signal: Floats) -> Floats:
+def counts(signal: Floats, *, shifted: bool = False) -> Floats:
     """Return the steps at whose multiples the values of a signal gather, the clearest first.
 
     The values are taken for angles that turn once in a step: where they gather at its multiples the mean
@@ -32,6 +34,8 @@ def counts(signal: Floats) -> Floats:
     Parameters
     ----------
     signal : ndarray, shape (n_samples,)
+    shifted : bool
+        Whether the values may gather beside the multiples, all by as much: what was added behind a quantiser.
 
     Returns
     -------
@@ -43,6 +47,8 @@ def counts(signal: Floats) -> Floats:
     >>> y = 0.3 * np.round(np.random.default_rng(0).standard_normal(900) / 0.3)
     >>> y += 0.04 * np.random.default_rng(1).standard_normal(900)
     >>> bool(np.abs(counts(y) - 0.3).min() < 0.002)
+    True
+    >>> bool(np.abs(counts(y + 0.1, shifted=True) - 0.3).min() < 0.002)
     True
     >>> counts(np.random.default_rng(2).standard_normal(900)).size
     0
@@ -58,7 +64,7 @@ def counts(signal: Floats) -> Floats:
     spacing = 1.0 / (RESOLUTION * largest)
     first, last = 1.0 / (LARGEST * deviation), 1.0 / (SMALLEST * deviation)
     reciprocals = first + spacing * np.arange(min(int((last - first) / spacing) + 2, MOST_STEPS))
-    gathered = _mean_cosines(2.0 * np.pi * first * y, 2.0 * np.pi * spacing * y, reciprocals.size)
+    gathered = _gathered(2.0 * np.pi * first * y, 2.0 * np.pi * spacing * y, reciprocals.size, shifted)
     before, here, after = gathered[:-2], gathered[1:-1], gathered[2:]
     peaks = np.flatnonzero((here > before) & (here >= after) & (here > SIGNIFICANT / np.sqrt(2.0 * y.size)))
     peaks = peaks[np.argsort(-here[peaks], kind="stable")][:KEPT]
@@ -92,8 +98,25 @@ def closely(steps: Floats, signal: Floats) -> Floats:
     return np.concatenate(found)
 
 
-def _mean_cosines(angles: Floats, steps: Floats, count: int) -> Floats:
+def counts_tried(signal: Floats) -> Floats:
+    """Return the steps at whose multiples values gather, and those beside whose multiples they do.
+
+    Examples
+    --------
+    >>> y = 0.3 * np.round(np.random.default_rng(0).standard_normal(900) / 0.3)
+    >>> y += 0.04 * np.random.default_rng(1).standard_normal(900)
+    >>> [float(np.sum(np.abs(counts_tried(y + c) - 0.3) < 0.005)) for c in (0.0, 0.1)]
+    [1.0, 1.0]
+    """
+    plain, shifted = counts(signal), counts(signal, shifted=True)
+    new = [step for step in shifted.tolist() if (np.abs(plain - step) > APART * step).all()]
+    return np.concatenate([plain, new])
+
+
+def _gathered(angles: Floats, steps: Floats, count: int, shifted: bool) -> Floats:
     """Return the mean over all angles of cos(angle + k step) for k = 0, 1, ..., count - 1.
+
+    Or, of angles that are all ``shifted`` by as much, the size of the mean on the circle.
 
     The steps are taken in blocks, so that of each angle only twice the root of so many cosines are needed:
     cos(a + b) = cos(a) cos(b) - sin(a) sin(b).
@@ -102,4 +125,6 @@ def _mean_cosines(angles: Floats, steps: Floats, count: int) -> Floats:
     coarse = angles + block * np.outer(np.arange(-(-count // block)), steps)
     fine = np.outer(np.arange(block), steps)
     sums = np.cos(coarse) @ np.cos(fine).T - np.sin(coarse) @ np.sin(fine).T
+    if shifted:
+        sums = np.hypot(sums, np.sin(coarse) @ np.cos(fine).T + np.cos(coarse) @ np.sin(fine).T)
     return np.asarray(sums.ravel()[:count] / angles.size)
