@@ -117,7 +117,9 @@ class Judge:
         It is asked without effects only.  Beside true ones a measured record holds details, which every
         innovation follows, and a size goes with the signals wherever a kink lies not quite in its place.
         """
-        record, residual = self.evidence.structure.record, self.evidence.residual(final)
+        record = self.evidence.structure.record
+        # A plant fitted by plain errors gives way to a disturbance, and is wrong wherever the input steps.
+        residual = self.evidence.residual(self.evidence.refitted(final, noise))
         asked = (foreseen, uneven) if coloured else (uneven,)
         told = (ask(record, record.learning, residual, noise.polynomial) for ask in asked)
         return next((one for one in told if one.plainly), None)
