@@ -1,10 +1,16 @@
 """One place that decides how numerical kernels are compiled."""
 
-from collections.abc import Callable
+import contextlib
+import hashlib
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
+from pathlib import Path
+from types import FunctionType, ModuleType
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core import sigutils
+from numba.core.ccallback import CFunc
 from numba.extending import intrinsic
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
@@ -30,9 +36,55 @@ def part_of_kernels(function: Kernel) -> Kernel:
 
 def _kept(function: Kernel, **options: bool) -> Kernel:
     try:
-        return cast(Kernel, _njit(cache=True, **options)(function))
+        return cast(Kernel, _stamped(_njit(cache=True, **options)(function)))
     except RuntimeError:
         return cast(Kernel, _njit(**options)(function))
+
+
+def _stamped(kernel: Any) -> Any:
+    """Return a kernel whose cache is out of date when a file whose kernels or constants it uses has changed.
+
+    numba looks at a kernel's own file alone, though what it calls is compiled into it.
+    """
+    held: Any = getattr(getattr(kernel, "_cache", None), "_cache_file", None)
+    if hasattr(held, "_source_stamp"):
+        held._source_stamp = (held._source_stamp, *sorted(_made_of(kernel.__wrapped__.__globals__)))
+    return kernel
+
+
+_MADE_OF: dict[str, frozenset[str]] = {}
+
+
+def _made_of(module: Mapping[str, Any]) -> frozenset[str]:
+    """Return what kernels of a module depend on: the contents of files, and the values of constants.
+
+    Seen at its first kernel, when all that is imported is there; what follows stands in the file itself.
+    """
+    name = module["__name__"]
+    if name not in _MADE_OF:
+        # Modules that lead back to it see no more of it than its file.
+        _MADE_OF[name] = frozenset([_digest_of(module.get("__file__"))])
+        _MADE_OF[name] |= frozenset(part for used in module.items() for part in _parts_of(name, *used))
+    return _MADE_OF[name]
+
+
+def _parts_of(module: str, name: str, used: Any) -> Iterable[str]:
+    """Return what a kernel depends on where it uses one of its module's globals."""
+    if isinstance(used, bool | int | float):
+        return [f"{name} = {used!r}"]
+    if isinstance(used, ModuleType):
+        same = used.__name__.partition(".")[0] == module.partition(".")[0]
+        return _made_of(vars(used)) if same else ()
+    inner = getattr(used, "__wrapped__", None)
+    return _made_of(inner.__globals__) if isinstance(inner, FunctionType) else ()
+
+
+def _digest_of(path: str | None) -> str:
+    """Return a digest of a source file; none of what was never a file."""
+    try:
+        return hashlib.sha256(Path(path or "").read_bytes()).hexdigest()
+    except OSError:
+        return ""
 
 
 def inlined(function: Kernel) -> Kernel:
@@ -75,12 +127,15 @@ def called_by_kernels(signature: str) -> Callable[[Kernel], Kernel]:
 
     Kernels are compiled once for all functions of one signature, not for each.
     """
+    read: Any = sigutils.normalize_signature
 
     def decorate(function: Kernel) -> Kernel:
-        try:
-            return cast(Kernel, numba.cfunc(signature, cache=True)(function))
-        except RuntimeError:
-            return cast(Kernel, numba.cfunc(signature)(function))
+        # As numba.cfunc does it, which compiles before a cache could be told what it depends on.
+        callback: Any = CFunc(function, read(signature), locals={}, options={})
+        with contextlib.suppress(RuntimeError):
+            callback.enable_caching()
+        _stamped(callback).compile()
+        return cast(Kernel, callback)
 
     return decorate
 
