@@ -117,11 +117,12 @@ class Judge:
         It is asked without effects only.  Beside true ones a measured record holds details, which every
         innovation follows, and a size goes with the signals wherever a kink lies not quite in its place.
         """
-        record = self.evidence.structure.record
+        record, rows = self.evidence.structure.record, self.evidence.structure.record.learning
         # A plant fitted by plain errors gives way to a disturbance, and is wrong wherever the input steps.
-        residual = self.evidence.residual(self.evidence.refitted(final, noise))
-        asked = (foreseen, uneven) if coloured else (uneven,)
-        told = (ask(record, record.learning, residual, noise.polynomial) for ask in asked)
+        moved = self.evidence.refitted(final, noise)
+        told = [uneven(record, rows, self.evidence.residual(moved), noise.polynomial)]
+        if coloured:
+            told.append(foreseen(record, rows, self.evidence.residual(final), noise.polynomial))
         return next((one for one in told if one.plainly), None)
 
     def _lost(self, baseline: StructureFit, final: StructureFit) -> bool:
