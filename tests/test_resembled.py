@@ -89,6 +89,7 @@ def test_two_effects_stand_in_for_one_if_a_single_curve_does_as_much(limited, sl
         pytest.param(("in_saturation", "in_deadzone"), "input", 0.95, False, id="both at its place"),
         pytest.param(("in_saturation", "in_deadzone"), "input", 0.85, True, id="another law there"),
         pytest.param(("in_saturation", "out_offset"), "input", 0.95, False, id="beside a constant"),
+        pytest.param(("in_saturation", "out_drift"), "input", 1.03, False, id="beside a slow drift"),
         pytest.param(("coulomb", "cubic_stiffness"), "velocity", 0.95, False, id="one motion"),
     ],
 )

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 # At the place of a law a curve of free form that leaves less than this share of its error is another law.
 RESEMBLED = 0.9
-# Every curve holds these.
-CONSTANTS, ANYWHERE = ("out_offset", "constant_force"), "anywhere"
+# Every curve holds these: a constant, which is most of what a slow drift does over a set of rows.
+CONSTANTS, ANYWHERE = ("out_offset", "constant_force", "out_drift"), "anywhere"
 
 
 def where_it_fails(record: "Record", free_run: Floats, judged: str) -> tuple[Finding, ...]:
