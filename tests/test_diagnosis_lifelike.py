@@ -124,14 +124,16 @@ def linear_run(rng, n, memory):
     return u, z, r
 
 
-def test_innovations_of_a_coloured_noise_cannot_be_foreseen():
+@pytest.mark.parametrize("question", [foreseen, uneven])
+def test_innovations_of_a_coloured_noise_cannot_be_foreseen(question):
+    """Neither they nor their size."""
     chances = []
     for seed in range(30):
         rng = np.random.default_rng(seed)
         u, z, r = linear_run(rng, 1200, rng.uniform(0.3, 0.97))
         record = make_record(u, z + r, 0.1)
         rows = record.learning
-        chances.append(foreseen(record, rows, r, noise_of(r, rows).polynomial).p_value)
+        chances.append(question(record, rows, r, noise_of(r, rows).polynomial).p_value)
     # Uniform but for chance: of 30 the smallest lies below 1e-4 three times in a thousand.
     assert min(chances) > 1e-4
     assert 0.2 < np.median(chances) < 0.8
@@ -149,18 +151,6 @@ def test_what_follows_the_plant_in_a_bent_way_is_foreseen():
     assert told.share == pytest.approx(1 - 1 / (1 + np.var(0.06 * np.abs(z)) / 0.05**2), abs=0.25)
     few = np.arange(1200) < 300  # too few for as many directions
     assert not foreseen(record, few & record.learning, r, WHITE).plainly
-
-
-def test_the_size_of_innovations_goes_with_nothing():
-    chances = []
-    for seed in range(30):
-        rng = np.random.default_rng(seed)
-        u, z, r = linear_run(rng, 1200, rng.uniform(0.3, 0.97))
-        record = make_record(u, z + r, 0.1)
-        rows = record.learning
-        chances.append(uneven(record, rows, r, noise_of(r, rows).polynomial).p_value)
-    assert min(chances) > 1e-4
-    assert 0.2 < np.median(chances) < 0.8
 
 
 def test_samples_at_odd_times_are_no_noise():

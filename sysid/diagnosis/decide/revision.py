@@ -136,8 +136,7 @@ def _searched_beside(evidence: Evidence, fit: StructureFit, choice: Choice) -> S
     if not without.usable:
         return fit
     found = structure.fit(fit.choices, rows, noise.polynomial, without, effort=Effort.COARSE)
-    limit = evidence.criterion(fit, noise) - SAME_CRITERION
-    return found if found.usable and evidence.criterion(found, noise) < limit else fit
+    return _better_of(evidence, fit, [found], noise)
 
 
 def _better_from(
@@ -148,6 +147,13 @@ def _better_from(
     found = [
         evidence.structure.fit(choices, rows, noise.polynomial, fit, effort=effort) for effort in efforts
     ]
+    return _better_of(evidence, fit, found, noise)
+
+
+def _better_of(
+    evidence: Evidence, fit: StructureFit, found: Sequence[StructureFit], noise: Noise
+) -> StructureFit:
+    """Return the best of some fits, or a given one where none is better."""
     best = min(found, key=lambda other: evidence.criterion(other, noise) if other.usable else np.inf)
     limit = evidence.criterion(fit, noise) - SAME_CRITERION
     return best if best.usable and evidence.criterion(best, noise) < limit else fit
