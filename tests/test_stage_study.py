@@ -16,6 +16,7 @@ from benchmarks.real_records.estimators import (
 )
 from benchmarks.real_records.evidence import plateaus, repeated
 from benchmarks.real_records.stage import Experiment, Stage, free_run, score
+from benchmarks.real_records.stops import RECURSIONS, stepped, stops
 
 PERIOD = 0.001
 TRUE = Stage(95.0, 170.0, 240.0, 20.0, -3.0)
@@ -108,3 +109,23 @@ def test_weighing_by_the_colour_is_right_where_noise_disturbs_the_force():
         errors["weighed"].append(by_weighed_free_run(COULOMB, experiment, points).mass - true.mass)
     plain, weighed = (np.sqrt(np.mean(np.square(found))) for found in errors.values())
     assert weighed < 0.3 * plain
+
+
+@pytest.mark.parametrize("recursion", RECURSIONS.values())
+def test_a_stage_in_steps_comes_near_the_exact_one(recursion):
+    force, numbers = reference(), np.array([95.0, 200.0, 20.0, -3.0])
+    exact = free_run(COULOMB.stage(numbers), force, np.zeros(2), PERIOD)
+    x = stepped(recursion, numbers, force, 0.0, PERIOD)
+    # First-order steps: right within what the stage goes in two samples at its largest speed.
+    assert np.ptp(exact) > 0.1
+    assert np.abs(x - exact).max() < 2.0 * np.abs(np.diff(exact)).max()
+
+
+def test_quick_searches_of_the_positioning_system_are_lucky_where_they_stop_early(records):
+    from benchmarks.real_records.__main__ import read
+
+    found = stops(RECURSIONS["friction that stops within a step"], *read(records))
+    lowest, luckiest = min(found, key=lambda s: s.fitted), min(found, key=lambda s: s.tested)
+    assert lowest.tested > luckiest.tested + 1.0
+    assert luckiest.fitted > 1.03 * lowest.fitted
+    assert luckiest.tested > 4.1

@@ -27,6 +27,7 @@ from benchmarks.real_records.evidence import (
     scores_of_restarts,
 )
 from benchmarks.real_records.stage import Experiment, Stage, free_run_error, rms, score
+from benchmarks.real_records.stops import RECURSIONS, stops
 from sysid.data import read_record
 
 DEMANDED = 4.1  # mm
@@ -34,6 +35,7 @@ STARTS = 4
 DRAWS = 400
 RESTARTS = 40
 PIECES = (0.25, 1.0, 3.1, 6.2)
+LOST = 20.0  # mm: a quick search that ends above this has found nothing
 CYCLE = 6.25  # s: period of the reference motion
 WIDTHS = {"mass": 10.0, "viscous_forward": 40.0, "viscous_backward": 40.0, "dry": 4.0, "constant": 0.6}
 
@@ -50,6 +52,7 @@ def main() -> int:
     print_repeated(first, second)
     print_constant_force(first, second)
     print_restarts(first, second)
+    print_stops(first, second)
     return 0
 
 
@@ -158,6 +161,23 @@ def print_restarts(first: Experiment, second: Experiment) -> None:
                 f"{errors.max():.2f} {scores.min():8.2f} {np.median(scores):.2f} {scores.max():.2f}",
                 flush=True,
             )
+
+
+def print_stops(first: Experiment, second: Experiment) -> None:
+    """Print where quick searches stop: the lowest of each kind, and the one that foretells the test best."""
+    print(
+        "\nquick searches from rest, fitted -> test [mm]     least fitted       least test   range of tests"
+    )
+    for name, recursion in RECURSIONS.items():
+        found = [stop for stop in stops(recursion, first, second) if stop.fitted < LOST]
+        lowest = min(found, key=lambda stop: stop.fitted)
+        luckiest = min(found, key=lambda stop: stop.tested)
+        tests = [stop.tested for stop in found]
+        print(
+            f"{name:45s} {lowest.fitted:8.2f} -> {lowest.tested:5.2f} {luckiest.fitted:8.2f} -> "
+            f"{luckiest.tested:5.2f} {min(tests):8.1f} to {max(tests):.1f}",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":
