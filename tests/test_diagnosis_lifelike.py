@@ -153,6 +153,20 @@ def test_what_follows_the_plant_in_a_bent_way_is_foreseen():
     assert not foreseen(record, few & record.learning, r, WHITE).plainly
 
 
+def test_the_size_of_innovations_is_asked_within_each_experiment():
+    """In whatever order experiments are given, whose levels differ, the answer is the same."""
+    rng = np.random.default_rng(8)
+    runs = [linear_run(rng, 150, 0.5) for _ in range(4)]
+    chances = []
+    for order in ([0, 1, 2, 3], [2, 0, 3, 1]):
+        u, y, r = (
+            np.concatenate([runs[i][j] + (3.0 * i if j < 2 else 0.0) for i in order]) for j in range(3)
+        )
+        record = make_record(u, y + r, 0.1, experiment=np.repeat(order, 150))
+        chances.append(uneven(record, np.ones(600, dtype=bool), r, WHITE).p_value)
+    assert chances[0] == pytest.approx(chances[1], rel=1e-6)
+
+
 def test_samples_at_odd_times_are_no_noise():
     """What a clock errs by goes with how fast the output moves, not with where it is or what drives it."""
     rng = np.random.default_rng(3)

@@ -94,8 +94,12 @@ def uneven(record: Record, rows: Mask, residual: Floats, noise: Floats) -> Fores
     innovations cannot move.
     """
     used = rows & np.isfinite(record.y[:, 0])
-    innovations = filtered(residual, used, noise)
+    inner = _within_experiments(record)[used]
+    innovations = filtered(residual, used, noise)[inner]
     run = np.where(used, record.y[:, 0] - residual, 0.0)
+    used[used] = inner
+    if innovations.size < ROWS_PER_DIRECTION * LEVELS:
+        return Foreseen(1.0, 0.0, of_size=True)
     drives = [record.u[:, 0], np.diff(record.u[:, 0], prepend=record.u[0, 0])]
     signals = [np.roll(drive, lag) for drive in drives for lag in SIZE_LAGS]
     signals += [np.gradient(run), np.gradient(np.gradient(run))]
@@ -106,6 +110,15 @@ def uneven(record: Record, rows: Mask, residual: Floats, noise: Floats) -> Fores
     target = _normal_scores(np.abs(innovations))
     found = remainder(target, levels, columns)
     return Foreseen(found.p_value, found.explained / max(float(target @ target), 1e-300), of_size=True)
+
+
+def _within_experiments(record: Record) -> Mask:
+    """Return the rows whose neighbours, as far as sizes are looked at, belong to the same experiment."""
+    inner = np.zeros(record.n_samples, dtype=bool)
+    reach = len(SIZE_LAGS)
+    for part in record.slices:
+        inner[part.start + reach : part.stop - reach] = True
+    return inner
 
 
 def _normal_scores(values: Floats) -> Floats:
