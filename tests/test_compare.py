@@ -234,6 +234,18 @@ def test_spectrum_is_that_of_scipy(length):
     np.testing.assert_allclose(ours[1], power, rtol=1e-9, atol=1e-12)
 
 
+def test_options_in_a_page_stay_in_one_piece_and_marks_are_escaped():
+    from sysid.diagnosis.pages.page import _tied
+
+    written = _tied("3 % of <b>: give --effects-file, thorough=True or --fix.")
+    option = '<code class="option">{}</code>'
+    assert written == (
+        f"3\N{NO-BREAK SPACE}% of &lt;b&gt;: give {option.format('--effects-file')}, thorough=True or "
+        f"{option.format('--fix')}."
+    )
+    assert _tied("a well--known e-mail") == "a well--known e-mail"
+
+
 def test_page_is_self_contained_and_safe():
     rng = np.random.default_rng(10)
     u = rng.standard_normal(300)

@@ -1,11 +1,16 @@
 """The comparison as one self-contained HTML page."""
 
 import base64
+import re
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from markupsafe import Markup
+
     from sysid.diagnosis.pages.content import Content
+
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 
 
 def render(content: "Content") -> str:
@@ -36,9 +41,12 @@ def render(content: "Content") -> str:
     )
 
 
-def _tied(text: str) -> str:
-    """Keep a percent sign on the line of its number."""
-    return text.replace(" %", "\N{NO-BREAK SPACE}%")
+def _tied(text: str) -> "Markup":
+    """Keep a percent sign on the line of its number, and an option of the command line in one piece."""
+    from markupsafe import Markup, escape
+
+    escaped = str(escape(text)).replace(" %", "\N{NO-BREAK SPACE}%")
+    return Markup(OPTION.sub(r'<code class="option">\g<0></code>', escaped))  # every other mark is escaped
 
 
 def _embedded(svg: str) -> str:
