@@ -94,11 +94,14 @@ def test_two_effects_stand_in_for_one_if_a_single_curve_does_as_much(limited, sl
     ],
 )
 def test_where_a_curve_stands_says_how_well_it_must_do(names, port, left, taken):
-    """Of errors 100 without effects, 40 with one and 1 with two, a curve leaves about as much as both."""
+    """Of errors 100 without effects, 40 with one and 1 with two, a curve leaves about as much as both.
+
+    Of how much it takes off the model beside which it was fitted, which may be lost there, nothing follows.
+    """
     record = SimpleNamespace(validation=np.ones(1, dtype=bool), y=np.zeros((1, 1)))
     choices = [SimpleNamespace(effect=e, name=e.name, form=e.forms[0]) for e in find_effects(names)]
     fits = [SimpleNamespace(output=np.array([np.sqrt(error)]), choices=choices) for error in (40.0, 1.0)]
     plain = SimpleNamespace(output=np.array([10.0]))
     decision = SimpleNamespace(baseline=plain, fits=fits, final=fits[-1])
-    curve = SimpleNamespace(port=port, explains_at_most=1.0 - left / 100.0)
+    curve = SimpleNamespace(port=port, left=left, explains_at_most=0.9999)
     assert (resembled(record, decision, [curve]) is curve) == taken

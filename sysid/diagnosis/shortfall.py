@@ -57,9 +57,8 @@ def outdone(record: "Record", decision: Decision, curves: "Sequence[PortCurve]")
     curves : sequence of PortCurve
         Of the model without effects.
     """
-    before, *_, after = _held_out_errors(record, decision)
-    best = max((curve.explains_at_most for curve in curves), default=0.0)
-    return bool(before > 0.0 and best > 1.0 - after / before)
+    after = _held_out_errors(record, decision)[-1]
+    return any(curve.left < after for curve in curves)
 
 
 def is_doubtful(decision: Decision) -> bool:
@@ -98,7 +97,7 @@ def resembled(record: "Record", decision: Decision, curves: "Sequence[PortCurve]
     def is_better(curve: "PortCurve") -> bool:
         own = len(decision.fits) == 1 or places <= {curve.port}
         limit = RESEMBLED * errors[-1] if own else max(between, errors[-1])
-        return bool((1.0 - curve.explains_at_most) * errors[0] < limit)
+        return bool(curve.left < limit)
 
     return next(filter(is_better, curves), None)
 
@@ -128,10 +127,14 @@ def each_counts(record: "Record", decision: Decision) -> bool:
 
 
 def _held_out_errors(record: "Record", decision: Decision) -> Floats:
-    """Return the sum of squared errors on validation rows: without effects, with one, two, ..."""
+    """Return the mean squared errors on validation rows: without effects, with one, two, ...
+
+    A curve is held against them by what it leaves: the model that it was fitted beside is another one, and
+    may be lost on these rows where the baseline is not.
+    """
     rows, y = record.validation, record.y[:, 0]
     fits = (decision.baseline, *(decision.fits or (decision.baseline,)))
-    return np.array([np.sum((y - fit.output)[rows] ** 2) for fit in fits])
+    return np.array([np.mean((y - fit.output)[rows] ** 2) for fit in fits])
 
 
 def curves_at_ports(structure: Structure, ports: Sequence[str] = PORTS) -> "tuple[PortCurve, ...]":

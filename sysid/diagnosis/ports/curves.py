@@ -62,6 +62,8 @@ class PortCurve:
         One sentence on the fit.
     sentence : str
         One sentence for the reader.
+    left : float
+        Mean squared error on the judged rows that the map leaves; infinite where none was fitted.
     """
 
     port: str
@@ -80,6 +82,7 @@ class PortCurve:
     knots: Floats
     status: str
     sentence: str
+    left: float = np.inf
 
     def to_json(self) -> dict[str, Any]:
         """Return plain values; one that is not finite becomes null."""
@@ -213,6 +216,7 @@ def _curve(record: Record, port: Port, baseline: tuple[Loop, Floats], fits: list
     if not fits:
         return _blank(record, port, "what it depends on does not vary, or the run diverges")
     fit, share, interval = _best_judged(baseline, fits)
+    left = np.concatenate(judged_errors(fit.loop, fit.point, baseline))
     shape = shape_of(fit)
     coarser = [other for other in fits if fit.loop.knots.size / other.loop.knots.size >= FEWER]
     if coarser:
@@ -230,6 +234,7 @@ def _curve(record: Record, port: Port, baseline: tuple[Loop, Floats], fits: list
         knots=fit.loop.knots,
         status=_status(fit, moved := _improves(fit, baseline)),
         sentence=_sentence(port, share, interval[0], shape) if moved else _nothing_found(port),
+        left=float(np.mean(left**2)),
     )
 
 
