@@ -13,7 +13,7 @@ from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.decide.revision import simplified
-from sysid.diagnosis.decide.trials import _switch_first
+from sysid.diagnosis.decide.trials import _switch_first, _without_memory_first
 from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.linear.structure import LinearStructure
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort
@@ -156,3 +156,19 @@ def test_a_jump_beside_which_the_slope_is_lost_is_a_relay() -> None:
     assert _switch_first([preload, relay]) == [relay, preload]
     plainly = replace(preload, criterion=-103.0)
     assert _switch_first([plainly, relay]) == [plainly, relay]
+
+
+def test_a_switch_whose_two_thresholds_are_one_has_no_memory() -> None:
+    rng = np.random.default_rng(0)
+    u = rng.uniform(-1.0, 1.0, 600)
+    y = lfilter([0.0, 0.3], [1.0, -0.7], np.sign(u))
+    structure = LinearStructure(record_of(u, y, 0.05, 0), 1, initial_state="rest")
+    baseline = structure.baseline(structure.record.estimation)
+    other, hysteresis, relay = (
+        Trial(name, replace(baseline, choices=choices), WHITE_NOISE, criterion, 9.0)
+        for name, criterion in (("in_preload", -150.0), ("in_hysteresis", -100.00001), ("in_relay", -100.0))
+        for choices in [tuple(Choice(effect, effect.forms[0]) for effect in find_effects([name]))]
+    )
+    assert _without_memory_first([other, hysteresis, relay]) == [other, relay, hysteresis]
+    plainly = replace(hysteresis, criterion=-101.0)
+    assert _without_memory_first([other, plainly, relay]) == [other, plainly, relay]

@@ -176,10 +176,19 @@ def _amended(attempt: Attempt, decision: Decision) -> Decision:
 
 
 def _held_out_rows_show_more(evidence: Evidence, decision: Decision) -> bool:
-    """Tell whether held-out rows show something that the rows of the search do not."""
+    """Tell whether held-out rows show something that the rows of the search do not.
+
+    Nothing is accepted that does not hold on them, were it all that the rows of the search lack.
+    """
     if evidence.rows_disagree(decision.final):
         return True
     if decision.verdict != "unexplained" or len(decision.final.choices) > len(decision.given):
         return False
-    chance = evidence.left(decision.baseline, decision.final, evidence.rows)[0]
-    return chance >= LEFT_P_VALUE > decision.left_p_value
+
+    def is_explained(fit: StructureFit) -> bool:
+        return evidence.left(decision.baseline, fit, evidence.rows)[0] >= LEFT_P_VALUE
+
+    if decision.left_p_value < LEFT_P_VALUE and is_explained(decision.final):
+        return True
+    leader = decision.trials[0].fit if decision.trials else None
+    return leader is not None and evidence.rows_disagree(leader) and is_explained(leader)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -13,6 +14,7 @@ from sysid.diagnosis.decide.noise_colour import WHITE_NOISE, Noise
 from sysid.diagnosis.decide.paths import begun_elsewhere
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.effects.base import Effect, Floats, Form
+from sysid.diagnosis.structures.pointwise import MEMORY
 from sysid.diagnosis.structures.structure import (
     WHITE,
     Choice,
@@ -170,7 +172,7 @@ class Trials:
                     found[trial.name] = trial
         base = self.evidence.criterion(self.evidence.refitted(current, noise), noise)
         trials = [replace(t, gain=base - t.criterion) for t in found.values()]
-        return _switch_first(sorted(trials, key=lambda t: t.criterion))
+        return _switch_first(_without_memory_first(sorted(trials, key=lambda t: t.criterion)))
 
     def amended(
         self, current: StructureFit, trials: tuple[Trial, ...], fit: StructureFit
@@ -327,6 +329,16 @@ def _switch_first(trials: list[Trial]) -> list[Trial]:
     if len(same) < 2 or trials[0].gain <= 0.0:
         return trials
     return [*sorted(same, key=lambda trial: not _switches(trial)), *trials[len(same) :]]
+
+
+def _without_memory_first(trials: list[Trial]) -> list[Trial]:
+    """Put a switch before one with a memory that does the same: its two thresholds are then one."""
+    order = list(trials)
+    for i, (first, second) in enumerate(pairwise(trials)):
+        same = second.criterion - first.criterion < SAME_RUN and _switches(first) and _switches(second)
+        if same and first.name in MEMORY and second.name not in MEMORY:
+            order[i : i + 2] = second, first
+    return order
 
 
 def _switches(trial: Trial) -> bool:

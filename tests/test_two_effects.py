@@ -1,0 +1,69 @@
+"""Two effects at once: neither is missed for what the other does to rows, to the plant, or to a curve."""
+
+import numpy as np
+from scipy.signal import lfilter
+
+import sysid
+from sysid.data import make_record
+from sysid.diagnosis.decide.allowance import Allowance
+from sysid.diagnosis.decide.residual_evidence import Evidence
+from sysid.diagnosis.decide.revision import among_its_kind
+from sysid.diagnosis.decide.trials import Trials
+from sysid.diagnosis.effects import find_effects
+from sysid.diagnosis.physics.structure import PhysicsStructure
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort
+from sysid.physics import load_model
+from sysid.progress import Progress
+
+
+def test_a_gain_that_changes_where_rows_are_held_out_hides_no_other_effect():
+    """The spring is all that the rows of the search lack, but does not hold on those after the change."""
+    rng = np.random.default_rng(0)
+    n = 1200
+    u = lfilter([0.3], [1.0, -0.7], rng.uniform(-1.0, 1.0, n))
+    u = u / u.std()
+    y, gain = np.zeros(n), np.where(np.arange(n) < 601, 1.0, 0.6)
+    for k in range(1, n):
+        y[k] = 0.9 * y[k - 1] + 0.1 * (gain[k - 1] * u[k - 1] - 20.0 * y[k - 1] ** 3)
+    y += 0.03 * y.std() * rng.standard_normal(n)
+    split = np.repeat(["est", "val", "test"], [600, 400, 200])
+    effects = ["cubic_stiffness", "time_variation", "in_saturation", "quad_drag"]
+    found = sysid.diagnose(
+        make_record(u, y, 1.0, split=split), order=1, initial_state="rest", effects=effects
+    )
+    assert set(found.accepted) == {"cubic_stiffness", "time_variation"}
+
+
+def sliding(drag, friction):
+    """Return a mass with drag and dry friction under steps of a force."""
+    rng = np.random.default_rng(1)
+    u = np.repeat(rng.uniform(-4.0, 4.0, 60), 10)
+    x = v = 0.0
+    y, h = [], 0.1 / 40
+    for force in u:
+        y.append(x)
+        for _ in range(40):
+            pulled = v + h * (force - 0.2 * v - drag * v * abs(v))
+            v = np.sign(pulled) * max(abs(pulled) - h * friction, 0.0)
+            x += h * v
+    y = np.array(y) + 0.002 * np.std(y) * rng.standard_normal(u.size)
+    return make_record(u, y, period=0.1)
+
+
+def test_a_friction_that_falls_gives_way_to_a_constant_one_beside_a_drag():
+    structure = PhysicsStructure(
+        sliding(0.5, 1.0),
+        load_model("positioning-stage").with_parameters(
+            {"M": 1.1, "F_v": 0.22}, {"gain": 1.0, "offset": 0.0}
+        ),
+        "rest",
+        (),
+    )
+    record = structure.record
+    evidence = Evidence(structure, record.estimation, record.validation, 0.01)
+    falling, constant, drag = find_effects(["stribeck", "coulomb", "quad_drag"])
+    trials = Trials(evidence, (falling, constant, drag), 0, 1, Progress(), Allowance())
+    choices = [Choice(effect, effect.forms[0]) for effect in (falling, drag)]
+    baseline = structure.baseline(evidence.rows)
+    fit = structure.fit(choices, evidence.rows, WHITE, baseline, effort=Effort.COARSE)
+    assert among_its_kind(trials, fit, 0).names == ("coulomb", "quad_drag")
