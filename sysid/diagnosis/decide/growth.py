@@ -8,7 +8,15 @@ from sysid.diagnosis.decide.acceptance import is_accepted, is_significant, tied
 from sysid.diagnosis.decide.allowance import REVISED
 from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
-from sysid.diagnosis.decide.revision import exchanged, freed, pruned, reordered, simplified, still_tied
+from sysid.diagnosis.decide.revision import (
+    among_its_kind,
+    exchanged,
+    freed,
+    pruned,
+    reordered,
+    simplified,
+    still_tied,
+)
 from sysid.diagnosis.decide.rungs import rungs_to
 from sysid.diagnosis.decide.trials import POLISHED, Trials
 from sysid.diagnosis.effects.base import Effect
@@ -98,6 +106,7 @@ class Growth:
             if len(grown.choices) > n_given + 1:
                 if self.trials.allowance.permits(REVISED):
                     grown = exchanged(self.trials, grown, n_kept)
+                    grown = among_its_kind(self.trials, grown, n_kept)
                 grown = simplified(evidence, pruned(evidence, grown, n_kept), n_kept)
             grown = freed(evidence, reordered(evidence, grown, n_kept), n_kept)
             grown = evidence.settled(grown)

@@ -12,6 +12,8 @@ from sysid.diagnosis.decide.noise_colour import Noise
 from sysid.diagnosis.decide.paths import begun_elsewhere
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.decide.trials import Trials
+from sysid.diagnosis.effects.base import Effect
+from sysid.diagnosis.effects.input_maps import SWITCHES
 from sysid.diagnosis.structures.sides import freer_forms, sibling_forms
 from sysid.diagnosis.structures.structure import Choice, Effort, StructureFit, filtered
 from sysid.diagnosis.structures.thresholds import is_switched_by_input
@@ -50,6 +52,29 @@ def exchanged(trials: Trials, fit: StructureFit, n_given: int) -> StructureFit:
         if best is None or not trials.allowance.permits(THIRD):
             position += 1
     return fit
+
+
+def among_its_kind(trials: Trials, fit: StructureFit, n_given: int) -> StructureFit:
+    """Try others of its kind in the place of each dry friction and each switch, all else as it stands.
+
+    The first was chosen without the others, and may be more than is missing.  Without any of its kind the
+    plant is lost, so that no search from there comes back.
+    """
+    evidence = trials.evidence
+    for position in range(n_given, len(fit.choices)):
+        choice = fit.choices[position]
+        for effect in trials.candidates:
+            if effect.name in fit.names or not _of_one_kind(effect, choice.effect):
+                continue
+            for form in effect.found_by:
+                choices = list(fit.choices)
+                choices[position] = Choice(effect, form)
+                fit = _better_from(evidence, fit, choices, (Effort.REFIT, Effort.COARSE))
+    return fit
+
+
+def _of_one_kind(effect: Effect, other: Effect) -> bool:
+    return (effect.dry and other.dry) or (effect.name in SWITCHES and other.name in SWITCHES)
 
 
 def _in_place(evidence: Evidence, found: Sequence[Trial], noise: Noise, position: int) -> StructureFit | None:

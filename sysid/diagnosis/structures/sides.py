@@ -43,24 +43,38 @@ def sibling_forms(choice: Choice) -> tuple[Form, ...]:
 def with_forms_of(choices: Sequence[Choice], start: StructureFit, places: Sequence[slice]) -> StructureFit:
     """Return a fit whose effects are in the wanted forms where these can be just the same.
 
+    What takes the place of an effect at its port, and has its parameters or some of them, has its values.
+
     Parameters
     ----------
     choices : sequence of Choice
-        Wanted; others than the fit's effects say nothing.
+        Wanted; others than the fit's effects, or one in the place of one of these, say nothing.
     start : StructureFit
     places : sequence of slice
         Of each effect's parameters in the point of the fit.
     """
     wanted = {choice.name: choice for choice in choices}
+    instead = [choice for choice in choices if choice.name not in start.names]
     found: list[Choice] = []
     point: Floats = start.point
     for choice, place in zip(reversed(start.choices), reversed(places), strict=True):
         other = wanted.get(choice.name, choice)
-        sources = _sources(choice.form, other.form)
+        if choice.name not in wanted and len(instead) == 1 and instead[0].effect.port == choice.effect.port:
+            sources = _by_name(choice.form, instead[0].form)
+            other = choice if sources is None else instead[0]
+        else:
+            sources = _sources(choice.form, other.form)
         if sources is not None:
             point = np.concatenate([point[: place.start], point[place][sources], point[place.stop :]])
         found.insert(0, choice if sources is None else other)
     return start if tuple(found) == start.choices else replace(start, choices=tuple(found), point=point)
+
+
+def _by_name(form: Form, other: Form) -> list[int] | None:
+    """Return which parameter of a form has the name of each of another, None where some has none."""
+    places = {p.name: i for i, p in enumerate(form.parameters)}
+    names = [p.name for p in other.parameters]
+    return [places[name] for name in names] if set(names) <= set(places) else None
 
 
 def _sources(form: Form, other: Form) -> list[int] | None:
