@@ -10,7 +10,9 @@ from scipy.signal import lfilter
 import sysid
 from sysid.data import make_record
 from sysid.diagnosis.effects import find_effects
+from sysid.diagnosis.ports import explore_ports
 from sysid.diagnosis.shortfall import resembled
+from sysid.linear import fit_output_error
 
 PERIOD, N = 0.1, 1500
 SENSOR = ("out_saturation", "out_lowpass")
@@ -98,10 +100,38 @@ def test_where_a_curve_stands_says_how_well_it_must_do(names, port, left, taken)
 
     Of how much it takes off the model beside which it was fitted, which may be lost there, nothing follows.
     """
+    curve = SimpleNamespace(port=port, left=left, explains_at_most=0.9999)
+    assert is_resembled(names, curve) == taken
+
+
+def is_resembled(names, curve):
+    """Whether a curve says that two names only resemble what is missing."""
     record = SimpleNamespace(validation=np.ones(1, dtype=bool), y=np.zeros((1, 1)))
     choices = [SimpleNamespace(effect=e, name=e.name, form=e.forms[0]) for e in find_effects(names)]
     fits = [SimpleNamespace(output=np.array([np.sqrt(error)]), choices=choices) for error in (40.0, 1.0)]
     plain = SimpleNamespace(output=np.array([10.0]))
     decision = SimpleNamespace(baseline=plain, fits=fits, final=fits[-1])
-    curve = SimpleNamespace(port=port, left=left, explains_at_most=0.9999)
-    assert (resembled(record, decision, [curve]) is curve) == taken
+    return resembled(record, decision, [curve]) is curve
+
+
+@pytest.mark.parametrize("n", [1500, 15_000], ids=["a whole record", "windows of a long one"])
+def test_what_a_curve_leaves_is_held_against_names_over_the_same_rows(n):
+    """A window has a start of its own: what is left in it tells nothing of a free run over all rows."""
+    rng = np.random.default_rng(7)
+    u = np.repeat(rng.uniform(-2.0, 2.0, n // 10), 10)
+    y = lfilter([0.0, 0.1], [1.0, -0.9], np.clip(u, -1.0, 1.0)) + 0.02 * rng.standard_normal(n)
+    record = make_record(u, y, PERIOD)
+    (curve,) = explore_ports(record, fit_output_error(record, 1), ports=("input",))
+    if n > 1500:
+        assert curve.left is None
+        return
+    # The noise alone is left; of 300 rows its variance is known within 8 % (one standard deviation).
+    assert curve.left == pytest.approx(0.02**2, rel=0.25)
+    assert 1.0 - curve.explains_at_most < 0.05
+
+
+def test_in_windows_the_share_that_a_curve_takes_off_counts():
+    """Of errors 100 without effects a curve leaves 1.05, as much as both, or 1.2."""
+    for share, taken in ((0.9895, True), (0.988, False)):
+        curve = SimpleNamespace(port="output", left=None, explains_at_most=share)
+        assert is_resembled(("out_quadratic", "in_deadzone"), curve) == taken

@@ -57,8 +57,8 @@ def outdone(record: "Record", decision: Decision, curves: "Sequence[PortCurve]")
     curves : sequence of PortCurve
         Of the model without effects.
     """
-    after = _held_out_errors(record, decision)[-1]
-    return any(curve.left < after for curve in curves)
+    before, *_, after = _held_out_errors(record, decision)
+    return any(_left(curve, before) < after for curve in curves)
 
 
 def is_doubtful(decision: Decision) -> bool:
@@ -97,7 +97,7 @@ def resembled(record: "Record", decision: Decision, curves: "Sequence[PortCurve]
     def is_better(curve: "PortCurve") -> bool:
         own = len(decision.fits) == 1 or places <= {curve.port}
         limit = RESEMBLED * errors[-1] if own else max(between, errors[-1])
-        return bool(curve.left < limit)
+        return bool(_left(curve, errors[0]) < limit)
 
     return next(filter(is_better, curves), None)
 
@@ -127,14 +127,19 @@ def each_counts(record: "Record", decision: Decision) -> bool:
 
 
 def _held_out_errors(record: "Record", decision: Decision) -> Floats:
-    """Return the mean squared errors on validation rows: without effects, with one, two, ...
-
-    A curve is held against them by what it leaves: the model that it was fitted beside is another one, and
-    may be lost on these rows where the baseline is not.
-    """
+    """Return the mean squared errors on validation rows: without effects, with one, two, ..."""
     rows, y = record.validation, record.y[:, 0]
     fits = (decision.baseline, *(decision.fits or (decision.baseline,)))
     return np.array([np.mean((y - fit.output)[rows] ** 2) for fit in fits])
+
+
+def _left(curve: "PortCurve", before: float) -> float:
+    """Return the mean squared error that a curve leaves on validation rows; ``before`` without effects.
+
+    The model that it was fitted beside is another one, and may be lost on these rows where the baseline is
+    not: what it takes off that model's error says little, and counts through windows alone.
+    """
+    return (1.0 - curve.explains_at_most) * before if curve.left is None else curve.left
 
 
 def curves_at_ports(structure: Structure, ports: Sequence[str] = PORTS) -> "tuple[PortCurve, ...]":

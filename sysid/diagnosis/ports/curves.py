@@ -62,8 +62,9 @@ class PortCurve:
         One sentence on the fit.
     sentence : str
         One sentence for the reader.
-    left : float
-        Mean squared error on the judged rows that the map leaves; infinite where none was fitted.
+    left : float or None
+        Mean squared error on the judged rows that the map leaves; None where no map was fitted, or where
+        a long record is looked at through windows, each of which has a start of its own.
     """
 
     port: str
@@ -82,7 +83,7 @@ class PortCurve:
     knots: Floats
     status: str
     sentence: str
-    left: float = np.inf
+    left: float | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return plain values; one that is not finite becomes null."""
@@ -171,7 +172,9 @@ def explore_ports(
     if unknown:
         raise UsageError(f"port {unknown[0]!r} is not known: choose among {', '.join(PORTS)}")
     plant = plant_of(model)
-    stretches = make_stretches(record, plant, record.validation if rows is None else np.asarray(rows, bool))
+    judged = record.validation if rows is None else np.asarray(rows, bool)
+    stretches = make_stretches(record, plant, judged)
+    n_judged = int(np.sum(judged & np.isfinite(record.y[:, 0])))
     found = plant.ports(record, ports)
     curves, known = [], None
     with threadpool_limits(1):  # blocks are small: further threads only wait for one another
@@ -183,7 +186,7 @@ def explore_ports(
                 continue
             baseline = fit_baseline(plant, port, stretches, known)
             known = baseline[1]
-            curves.append(_curve(record, port, baseline, fit_port(port, baseline)))
+            curves.append(_curve(record, port, baseline, fit_port(port, baseline), n_judged))
     if progress is not None:
         progress(len(found), len(found))
     return tuple(sorted(curves, key=lambda curve: -curve.explains_at_most))
@@ -212,11 +215,13 @@ def _blank(record: Record, port: Port, reason: str) -> PortCurve:
     )
 
 
-def _curve(record: Record, port: Port, baseline: tuple[Loop, Floats], fits: list[PortFit]) -> PortCurve:
+def _curve(
+    record: Record, port: Port, baseline: tuple[Loop, Floats], fits: list[PortFit], n_judged: int
+) -> PortCurve:
     if not fits:
         return _blank(record, port, "what it depends on does not vary, or the run diverges")
     fit, share, interval = _best_judged(baseline, fits)
-    left = np.concatenate(judged_errors(fit.loop, fit.point, baseline))
+    errors = np.concatenate(judged_errors(fit.loop, fit.point, baseline))
     shape = shape_of(fit)
     coarser = [other for other in fits if fit.loop.knots.size / other.loop.knots.size >= FEWER]
     if coarser:
@@ -234,7 +239,7 @@ def _curve(record: Record, port: Port, baseline: tuple[Loop, Floats], fits: list
         knots=fit.loop.knots,
         status=_status(fit, moved := _improves(fit, baseline)),
         sentence=_sentence(port, share, interval[0], shape) if moved else _nothing_found(port),
-        left=float(np.mean(left**2)),
+        left=float(np.mean(errors**2)) if errors.size == n_judged else None,
     )
 
 
