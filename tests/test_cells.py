@@ -131,6 +131,10 @@ def test_steps_show_in_the_readings_alone():
     assert not are_steps(rounded + 0.4 * step * rng.standard_normal(1500))
     assert not are_steps(smooth)
     assert not are_steps(np.clip(smooth, -1.0, 1.0))
+    limited = np.clip(
+        smooth, -0.2 * smooth.std(), 0.2 * smooth.std()
+    )  # two ends, missed by the sensor's noise
+    assert not are_steps(limited + 0.02 * smooth.std() * rng.standard_normal(1500))
     assert not are_steps(np.zeros(9))
     resting = smooth - np.clip(smooth, -smooth.std(), smooth.std())
     assert not are_steps(resting + 0.01 * rng.standard_normal(1500))

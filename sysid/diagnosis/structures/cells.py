@@ -110,8 +110,8 @@ def are_steps(y: Floats) -> bool:
     """Tell whether measured values plainly stand at multiples of one step, whatever made them.
 
     Around a circle as long as the step, values of any other kind spread out evenly, so that their mean is
-    near the centre.  Two ends at which values are held are no steps, nor is one place at which a body rests:
-    those between the ends must show it, and those elsewhere.
+    near the centre.  Two ends at which values are held, some carried beyond them by noise, are no steps, nor
+    is one place at which a body rests: those between the ends must show it, and those elsewhere.
 
     Parameters
     ----------
@@ -136,7 +136,9 @@ def are_steps(y: Floats) -> bool:
         if _at_multiples(between, step, y.size):
             counts = np.round(between / step)
             values, sizes = np.unique(counts, return_counts=True)
-            if _at_multiples(between[counts != values[np.argmax(sizes)]], step, y.size):
+            inside = (counts > values[0]) & (counts < values[-1])
+            elsewhere = counts != values[np.argmax(sizes)]
+            if all(_at_multiples(between[rows], step, y.size) for rows in (inside, elsewhere)):
                 return True
     return False
 
