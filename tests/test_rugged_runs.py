@@ -8,7 +8,9 @@ from sysid.demonstration.effects import Hidden, inside
 from sysid.demonstration.plants import Plant
 from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.linear.structure import LinearStructure
-from sysid.diagnosis.physics.structure import PhysicsStructure
+from sysid.diagnosis.physics import lengthening
+from sysid.diagnosis.physics import structure as physics_structure
+from sysid.diagnosis.physics.structure import FINEST, PhysicsStructure
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort
 from sysid.physics import load_model
 
@@ -46,8 +48,8 @@ def test_a_lever_that_falls_over_is_followed_through_all_its_falls(seed):
     assert np.sqrt(fit.cost / rows.sum()) < 1.05 * noise
 
 
-@pytest.mark.parametrize("seed", [6, 8])
-def test_a_body_that_sticks_is_followed_through_all_its_stops(seed):
+def sticking(seed):
+    """Return a body that sticks and slips, what it is fitted with, and the size of its noise."""
     rng = np.random.default_rng(seed)
     values, period = {"m": 3.4, "c": 3.7, "k": 51.0}, 0.086
     levels = np.concatenate([np.linspace(-1, 1, 9), np.linspace(1, -1, 9)[1:-1]])
@@ -57,7 +59,41 @@ def test_a_body_that_sticks_is_followed_through_all_its_stops(seed):
     noise = 0.15 * np.std(y)
     record = make_record(u, y + noise * rng.standard_normal(N), period=period)
     model = load_model("mass-spring-damper").with_parameters(start={"c": 4.0, "k": 48.0}, fixed={"m": 3.4})
-    structure, rows = PhysicsStructure(record, model, "rest"), record.learning
+    return PhysicsStructure(record, model, "rest"), record.learning, noise
+
+
+@pytest.mark.parametrize("seed", [6, 8])
+def test_a_body_that_sticks_is_followed_through_all_its_stops(seed):
+    structure, rows, noise = sticking(seed)
     fit = structure.fit([choice_of("stribeck")], rows, WHITE, structure.baseline(rows), effort=Effort.FINE)
     # Of a search that ends where a stop or two are missed it is 1.4 and 2.0.
     assert np.sqrt(fit.cost / rows.sum()) < 1.05 * noise
+
+
+def test_no_further_way_is_gone_after_one_that_ends_at_the_best(monkeypatch):
+    structure, rows, _ = sticking(6)
+    problem = structure._problem([choice_of("coulomb")], rows, WHITE)
+    best = structure.fit([choice_of("coulomb")], rows, WHITE, structure.baseline(rows), effort=Effort.FINE)
+    end, ways, openings = problem.descend(best.point, *FINEST), [], lengthening.openings
+    monkeypatch.setattr(
+        lengthening,
+        "openings",
+        lambda used, begin, factor: ways.append(factor) or openings(used, begin, factor),
+    )
+    assert lengthening.lengthened(problem, end, *FINEST).cost <= end.cost
+    assert ways == [2.0]
+
+
+def test_openings_are_searched_by_the_plain_error_only_where_that_is_looked_at_anyway(monkeypatch):
+    structure, rows, _ = sticking(6)
+    searched = []
+
+    def noted(problem, end, *efforts):
+        searched.append(problem.noise.size)
+        return end
+
+    monkeypatch.setattr(physics_structure, "lengthened", noted)
+    monkeypatch.setattr(physics_structure, "agree", lambda ends: False)
+    colour = np.array([1.0, -0.5])
+    structure.fit([choice_of("coulomb")], rows, colour, structure.baseline(rows), effort=Effort.FINE)
+    assert searched == [1]

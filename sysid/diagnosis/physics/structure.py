@@ -269,14 +269,14 @@ class PhysicsStructure:
             return _diverged(choices, start)
         if effort is Effort.FINE and is_rugged(search):
             ends.insert(0, scattered(search, ends[0], *FINEST))
-        if effort is Effort.FINE and not search.exact and not agree(ends):
-            ends.insert(0, lengthened(search, ends[0], *FINEST))
         if effort is Effort.FINE and noise.size > 1 and any(choice.effect.dry for choice in searched):
             # Where a body sticks and slips there are many minima, and a colour that what is missing has a
-            # part in hides the deepest of them: it is also looked for by the plain error.
+            # part in hides the deepest of them: it is also looked for, on openings too, by the plain error.
             plainly = self.fit(choices, rows, WHITE, start, effort=effort)
             on = search.descend_if_finite(moved(problem, search, plainly.point), *FINEST)
             ends = sorted([*ends, *([] if on is None else [on])], key=cost_of)
+        elif effort is Effort.FINE and not search.exact and not agree(ends):
+            ends.insert(0, lengthened(search, ends[0], *FINEST))
         best, found_twice = ends[0], agree(ends)
         if search is not problem:
             last = EVALUATIONS[Effort.FINE] if effort is Effort.FINE else TRIED
