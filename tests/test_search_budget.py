@@ -1,6 +1,8 @@
 """The work that a search is given: counted, told, and the same for any number of jobs."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -331,3 +333,26 @@ def searched(work):
     if work is not None:
         structure.work = Work(work)
     return Search(structure, find_effects(["out_offset", "out_quadratic", "out_drift"]))
+
+
+def test_a_physical_model_is_diagnosed_without_kernels_of_linear_ones():
+    script = """
+import sys, numpy as np, sysid
+from sysid.data import make_record
+u, noise = np.random.default_rng(0).standard_normal((2, 400))
+y = np.zeros(400)
+for k in range(2, 400):
+    y[k] = 1.5 * y[k - 1] - 0.7 * y[k - 2] + 0.2 * u[k - 1]
+sysid.diagnose(make_record(u, y + 0.02 * noise, period=1.0), "mass-spring-damper", effects=["quad_drag"])
+print([name for name in ("sysid.diagnosis.linear.kernels", "scipy.signal") if name in sys.modules])
+"""
+    said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert said.stdout.strip() == "[]"
+
+
+def test_values_that_a_shape_is_tried_at_are_looked_for_once():
+    setting = PhysicsStructure(record(), load_model("mass-spring-damper")).setting
+    (quantiser,) = find_effects(["out_quantisation"])
+    grid, rows = quantiser.forms[0].parameters[0].grid, setting.record.estimation
+    assert setting.tried(grid, rows) is setting.tried(grid, rows.copy())
+    assert not np.array_equal(setting.tried(grid, rows), setting.tried(grid, setting.record.learning))

@@ -269,13 +269,14 @@ def taken_up(
     record: Record, model: Any, order: int | None, add: Sequence[str | Effect]
 ) -> tuple[Any, int | None, Sequence[str | Effect]]:
     """Return a saved model as one to be fitted, its effects among those to be added; others as they are."""
-    from sysid.diagnosis.export.saved_linear import SavedModel
-    from sysid.diagnosis.models.known_model import at_period
     from sysid.diagnosis.models.resolution import known_model
 
     known = known_model(model)
     if known is None:
         return model, order, add
+    from sysid.diagnosis.export.saved_linear import SavedModel
+    from sysid.diagnosis.models.known_model import at_period
+
     saved = at_period(known.saved, record)
     effects = [*(effect.effect for effect in saved.effects), *add]
     return ("linear", saved.order, effects) if isinstance(saved, SavedModel) else (saved.model, None, effects)

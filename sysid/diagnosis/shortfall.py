@@ -157,22 +157,24 @@ def curves_at_ports(structure: Structure, ports: Sequence[str] = PORTS) -> "tupl
     -------
     tuple of PortCurve
     """
-    from sysid.diagnosis.linear.structure import LinearStructure
     from sysid.diagnosis.physics.structure import PhysicsStructure
     from sysid.diagnosis.ports import explore_ports
-    from sysid.linear import fit_output_error
-    from sysid.physics import fit_physics
 
     record = structure.record
     try:
+        if isinstance(structure, PhysicsStructure):
+            from sysid.physics import fit_physics
+
+            start = "estimate" if structure.free_start else "rest"
+            physical = fit_physics(record, structure.model, initial_state=start)
+            return explore_ports(record, physical, ports=ports)
+        from sysid.diagnosis.linear.structure import LinearStructure
+        from sysid.linear import fit_output_error
+
         if isinstance(structure, LinearStructure):
             start = "estimate" if structure.free_start else "rest"
             linear = fit_output_error(record, structure.order, initial_state=start)
             return explore_ports(record, linear, ports=ports)
-        if isinstance(structure, PhysicsStructure):
-            start = "estimate" if structure.free_start else "rest"
-            physical = fit_physics(record, structure.model, initial_state=start)
-            return explore_ports(record, physical, ports=ports)
     except SysidError:
         return ()
     return ()

@@ -94,8 +94,6 @@ def threshold_errors(
     left : ndarray
         D(q) of the memory that is left in the problem's residual.
     """
-    from scipy.signal import lfilter
-
     places, levels = _thresholds(problem)
     if not places:
         return []
@@ -103,7 +101,9 @@ def threshold_errors(
 
     def costs(points: Floats) -> Floats:
         errors = tangent.outside(in_lanes(problem, points))
-        driving = np.concatenate([lfilter(left, [1.0], errors[:, rows]) for rows in runs], axis=1)
+        driving = np.array(
+            [np.concatenate([np.convolve(left, row[run])[: row[run].size] for run in runs]) for row in errors]
+        )
         return np.asarray(np.nan_to_num(np.einsum("ij,ij->i", driving, driving), nan=np.inf))
 
     best = float(costs(point[np.newaxis])[0])

@@ -120,25 +120,24 @@ def _combinations(problem: Problem, new: Sequence[int]) -> list[tuple[float, ...
 
 def shape_values(problem: Problem, effect: int) -> list[list[float]]:
     """Return the values of each shape parameter of an effect that are tried first."""
-    record, rows = problem.setting.record, problem.rows
+    setting, rows = problem.setting, problem.rows
     form, first = problem.choices[effect].form, problem.effect_places[effect].start
     if form.state:  # stiffness and yield force, relative to the forces in the model
         return [
             [float(problem.sizes[first + j] * share) for share in shares]
             for j, shares in zip(form.shapes, CONTACT_SHARES, strict=False)
         ]
-    u, y = record.u[rows, 0], record.y[rows, 0]
     found = []
     for parameter in form.parameters:
         if parameter.grid is None:
             continue
         if parameter.grid.scale == "speed deviation":  # the model's speed, not the output's difference
-            values = np.array(parameter.grid.points) * problem.setting.sizes["v"]
+            values = np.array(parameter.grid.points) * setting.sizes["v"]
         elif parameter.grid.scale == "duration":  # of the longest experiment, rows that are held out included
             longest = max(part.stop - part.start for part in problem.parts)
-            values = np.array(parameter.grid.points) * record.period * longest
+            values = np.array(parameter.grid.points) * setting.record.period * longest
         else:
-            values = parameter.grid.values(u, y, record.period)
+            values = setting.tried(parameter.grid, rows)
         found.append(np.unique(np.clip(values, parameter.minimum, parameter.maximum)).tolist())
     return found
 

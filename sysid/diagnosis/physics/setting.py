@@ -6,7 +6,8 @@ from functools import cached_property
 import numpy as np
 
 from sysid.data import Record
-from sysid.diagnosis.effects.base import Floats
+from sysid.data.record import Mask
+from sysid.diagnosis.effects.base import Floats, Grid
 from sysid.physics.forced import NO_LAW, ForcedPlant
 from sysid.physics.general import GeneralPlant
 from sysid.physics.model import Model, Parameter
@@ -48,6 +49,18 @@ class Setting:
     def places(self) -> list[int]:
         """Positions of the searched parameters among the model's."""
         return [self.plant.names.index(parameter.name) for parameter in self.searched]
+
+    @cached_property
+    def _tried(self) -> dict[tuple[Grid, bytes], Floats]:
+        return {}
+
+    def tried(self, grid: Grid, rows: Mask) -> Floats:
+        """Return the values at which a shape is tried first by what some rows hold, found once."""
+        key = grid, rows.tobytes()
+        if key not in self._tried:
+            record = self.record
+            self._tried[key] = grid.values(record.u[rows, 0], record.y[rows, 0], record.period)
+        return self._tried[key]
 
     @cached_property
     def positive(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
