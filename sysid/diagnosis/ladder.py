@@ -190,7 +190,7 @@ def _refitted(structure: Structure, fit: StructureFit, noise: Floats, plain: boo
     if not final.usable:  # under rows that neither fit has seen
         final = fit
     final = with_fine_steps(structure, final, noise)
-    return structure.finish(final, _memory(record, final) if plain else noise, plain=plain, closely=not plain)
+    return structure.finish(final, _memory(record, final) if plain else noise, plain=plain, closely=True)
 
 
 def _memory(record: Record, fit: StructureFit) -> Floats:

@@ -110,7 +110,10 @@ class Outcome:
         structure = self.structure if self.searched is None else self.searched
         y = structure.record.y[structure.record.validation, 0]
         spread = float(np.std(y)) or 1.0
-        fitted = None if trial.fit is None else structure.finish(trial.fit, trial.noise.polynomial)
+        fitted = None
+        if trial.fit is not None:
+            closely = trial.name in self.accepted
+            fitted = structure.finish(trial.fit, trial.noise.polynomial, closely=closely)
         return {
             "effect": trial.name,
             "p_value": finite(trial.p_value),

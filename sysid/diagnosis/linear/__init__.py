@@ -6,6 +6,6 @@ count, ``differences`` give slopes without a formula), ``starts`` and ``search``
 (``levenberg`` the last steps by the ``triangles`` of the slopes, ``sign_retrieval`` where the output is
 rectified), ``restarts`` ask whether another start ends elsewhere,
 ``parameters`` gives them with standard errors (``cells`` behind a quantiser, ``modes`` for the aliases of a
-delay, ``profile`` where slopes do not tell how far a valley of the error reaches), ``directions`` and
+delay, ``profile`` what its likelihood is where slopes do not tell), ``directions`` and
 ``probes`` serve the score screen, ``free_run`` predicts, and ``structure`` shows all of it to the search.
 """

@@ -12,7 +12,7 @@ from sysid.diagnosis.linear.cells import read_cells
 from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.levenberg import Minimum
 from sysid.diagnosis.linear.modes import errors_over_minima
-from sysid.diagnosis.linear.profile import Profile
+from sysid.diagnosis.linear.profile import MOST_ROWS, profile_of
 from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.structures.equation_words import Signals, effect_line
 from sysid.diagnosis.structures.plain_errors import plain_errors
@@ -49,7 +49,7 @@ def named_parameters(record: Record, chain: Chain, data: Data, point: Floats) ->
 
 def standard_errors(
     chain: Chain, data: Data, point: Floats, noise: Floats, cost: float, *, closely: bool = False
-) -> tuple[Floats, Minimum | None]:
+) -> tuple[Floats, Floats | None]:
     """Return the standard error of each unknown of a point; NaN where the output does not tell.
 
     Parameters
@@ -67,7 +67,7 @@ def standard_errors(
     Returns
     -------
     ndarray, shape (n_unknowns,)
-    Minimum or None
+    ndarray or None
         A point that is far more likely, if one was met.
     """
     errors, lower = np.full(point.size, np.nan), None
@@ -81,12 +81,12 @@ def standard_errors(
     R = np.linalg.qr(J[:, used] / scale[used], mode="r")
     variance = cost / max(J.shape[0] - point.size, 1)
     if np.abs(np.diag(R)).min(initial=1.0) > DEPENDENT:
-        inverse = np.linalg.inv(R) / scale[used, np.newaxis]
-        covariance = np.full((point.size, point.size), np.nan)
-        covariance[np.ix_(used, used)] = variance * inverse @ inverse.T
-        errors = np.sqrt(np.diag(covariance))
-        if closely and read is None:
-            profile = Profile(chain, data, noise, Minimum(point, cost, True), variance, covariance)
+        root = np.linalg.inv(R) / scale[used, np.newaxis]
+        inverse = np.full((point.size, point.size), np.nan)
+        inverse[np.ix_(used, used)] = root @ root.T
+        errors = np.sqrt(variance * np.diag(inverse))
+        if closely and read is None and data.u.size <= MOST_ROWS:
+            profile = profile_of(chain, data, noise, Minimum(point, cost, True), inverse, variance)
             errors, lower = profile.standard_errors(_own(chain, data)), profile.lower
         errors = errors_over_minima(chain, data, point, noise, cost, variance, errors)
     else:  # some are known only together, the others as well as ever

@@ -307,11 +307,11 @@ class LinearStructure:
         A close look may meet a model that is far more likely, which then takes its place, unless its free run
         is farther from the rows: what is likely by the colour of a residual alone follows what it leaves out.
         """
-        data, chain = self.data(fit.rows), self.chain(fit.choices)
-        weight = WHITE if plain else noise
+        data, chain, weight = self.data(fit.rows), self.chain(fit.choices), WHITE if plain else noise
+        closely &= not plain  # a rise of plain errors is no likelihood
         errors, lower = standard_errors(chain, data, fit.point, weight, fit.cost, closely=closely)
         if lower is not None:
-            minimum = self._polished(chain, data, lower.point, weight)
+            minimum = self._polished(chain, data, lower, weight)
             if minimum is not None and minimum.cost < fit.cost:
                 moved = self._fitted(chain, data, fit.rows, minimum, False, fit.status)
                 if moved.usable and self._error(moved) <= self._error(fit):

@@ -5,6 +5,6 @@ equations of motion, ``problem`` is the least-squares problem they make (``hold`
 samples; ``evaluation``: as a search asks for it; ``budget``: how much simulation that may take),
 ``starts``, ``points``, ``scatter``, ``search`` and ``descents`` find its parameters, ``steps`` says how
 fine its simulation must be, ``parameters`` gives them with standard errors (``cells`` behind a
-quantiser), ``directions`` serve the score screen, ``free_run`` predicts, and ``structure`` shows all of
-it to the search.
+quantiser, ``profile`` what their likelihood is where slopes do not tell), ``directions`` serve the score
+screen, ``free_run`` predicts, and ``structure`` shows all of it to the search.
 """

@@ -10,6 +10,7 @@ from sysid.diagnosis.physics.cells import read_cells, threshold_errors
 from sysid.diagnosis.physics.evaluation import finite
 from sysid.diagnosis.physics.laws import has_level, is_switch_without_level, with_level
 from sysid.diagnosis.physics.problem import Problem
+from sysid.diagnosis.physics.profile import profile_of, smooth
 from sysid.diagnosis.structures.plain_errors import LOOSE, UNSEEN, plain_errors
 from sysid.diagnosis.structures.structure import WHITE, Choice, FittedParameter
 
@@ -35,7 +36,9 @@ def named_parameters(problem: Problem, x: Floats, errors: Floats) -> tuple[Fitte
     return tuple(found)
 
 
-def standard_errors(problem: Problem, point: Floats, left: Floats = WHITE) -> Floats:
+def standard_errors(
+    problem: Problem, point: Floats, left: Floats = WHITE, *, closely: bool = False
+) -> tuple[Floats, Floats | None]:
     """Return the standard error of each unknown; infinite where the output does not tell.
 
     Parameters
@@ -44,11 +47,16 @@ def standard_errors(problem: Problem, point: Floats, left: Floats = WHITE) -> Fl
     point : ndarray, shape (n_unknowns,)
     left : ndarray, shape (order + 1,), optional
         D(q) of the memory that is left in the problem's residual.
+    closely : bool
+        Whether to follow the likelihood where slopes do not hold; the point is a minimum then.
 
     Returns
     -------
     ndarray, shape (n_unknowns,)
+    ndarray or None
+        A point that is far more likely, if one was met.
     """
+    lower = None
     J = slopes_of_both_sides(problem, point)
     relative = _relative_to_a_level(problem, point)
     J[:, relative & _levels(problem)] = 0.0  # beside it the others would seem known to rounding
@@ -63,9 +71,13 @@ def standard_errors(problem: Problem, point: Floats, left: Floats = WHITE) -> Fl
         errors *= cells.widening(problem.size, float(spread))
         errors[place] = cells.step_error
     errors[relative] = np.inf
+    if closely and read is None:
+        profile = profile_of(problem, point, J, errors)
+        followed = profile.standard_errors(smooth(problem))
+        errors, lower = np.where(np.isfinite(errors), followed, errors), profile.lower
     for place, error in threshold_errors(problem, point, runs, left):
         errors[place] = error
-    return np.asarray(errors)
+    return np.asarray(errors), lower
 
 
 def slopes_of_both_sides(problem: Problem, point: Floats) -> Floats:

@@ -359,10 +359,9 @@ class PhysicsStructure:
     def finish(
         self, fit: StructureFit, noise: Floats, *, plain: bool = False, closely: bool = False
     ) -> StructureFit:
-        """Return a fit with standard errors of its parameters filled in, as slopes tell them."""
-        del closely
+        """Return a fit with standard errors of its parameters filled in."""
         problem = self._problem(fit.choices, fit.rows, WHITE if plain else noise)
-        errors = standard_errors(problem, fit.point, noise if plain else WHITE)
+        errors, _ = standard_errors(problem, fit.point, noise if plain else WHITE, closely=closely)
         return replace(fit, parameters=named_parameters(problem, fit.point, errors))
 
     def probes(self, fit: StructureFit) -> Floats:
