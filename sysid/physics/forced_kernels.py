@@ -241,6 +241,8 @@ def time_of_event(
     slope = size / (other - last) if mode == STUCK else mode * rates(w, n, same, end, mode, own)[0]
     for _ in range(ROOT_STEPS):
         width = other - last
+        if width == 0.0:
+            break
         bend = (at_other - value - slope * width) / (width * width)
         root = math.sqrt(max(slope * slope - 4.0 * bend * value, 0.0))
         # The form of the root in which nothing cancels, whatever is next to zero.
