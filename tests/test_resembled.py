@@ -100,13 +100,16 @@ def test_where_a_curve_stands_says_how_well_it_must_do(names, port, left, taken)
 
     Of how much it takes off the model beside which it was fitted, which may be lost there, nothing follows.
     """
-    curve = SimpleNamespace(port=port, left=left, explains_at_most=0.9999)
+    curve = SimpleNamespace(port=port, left=left, left_fitted=left, explains_at_most=0.9999)
     assert is_resembled(names, curve) == taken
+    curve.left_fitted = 1.5  # as much as both on few held-out rows, by luck
+    assert not is_resembled(names, curve)
 
 
 def is_resembled(names, curve):
     """Whether a curve says that two names only resemble what is missing."""
-    record = SimpleNamespace(validation=np.ones(1, dtype=bool), y=np.zeros((1, 1)))
+    every = np.ones(1, dtype=bool)
+    record = SimpleNamespace(estimation=every, validation=every, y=np.zeros((1, 1)))
     choices = [SimpleNamespace(effect=e, name=e.name, form=e.forms[0]) for e in find_effects(names)]
     fits = [SimpleNamespace(output=np.array([np.sqrt(error)]), choices=choices) for error in (40.0, 1.0)]
     plain = SimpleNamespace(output=np.array([10.0]))
@@ -133,5 +136,5 @@ def test_what_a_curve_leaves_is_held_against_names_over_the_same_rows(n):
 def test_in_windows_the_share_that_a_curve_takes_off_counts():
     """Of errors 100 without effects a curve leaves 1.05, as much as both, or 1.2."""
     for share, taken in ((0.9895, True), (0.988, False)):
-        curve = SimpleNamespace(port="output", left=None, explains_at_most=share)
+        curve = SimpleNamespace(port="output", left=None, left_fitted=None, explains_at_most=share)
         assert is_resembled(("out_quadratic", "in_deadzone"), curve) == taken

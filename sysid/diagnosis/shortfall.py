@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sysid.data.record import Mask
 from sysid.diagnosis.comparison.series import judged_series
 from sysid.diagnosis.comparison.where import Finding, locate
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision
@@ -57,7 +58,7 @@ def outdone(record: "Record", decision: Decision, curves: "Sequence[PortCurve]")
     curves : sequence of PortCurve
         Of the model without effects.
     """
-    before, *_, after = _held_out_errors(record, decision)
+    before, *_, after = _errors(record, decision, record.validation)
     return any(_left(curve, before) < after for curve in curves)
 
 
@@ -78,7 +79,8 @@ def resembled(record: "Record", decision: Decision, curves: "Sequence[PortCurve]
 
     At the place of a true law no curve of free form does better, but for chance: there it must leave clearly
     less on held-out rows.  Where effects are at several places no single curve leaves about what all leave,
-    and less than all but one, unless they share out between them what it is.
+    and less than all but one, unless they share out between them what it is.  A curve that holds the true law
+    does so on the rows it was fitted to as well: held-out rows alone are few, and it may be lucky on them.
 
     Parameters
     ----------
@@ -88,18 +90,25 @@ def resembled(record: "Record", decision: Decision, curves: "Sequence[PortCurve]
     curves : sequence of PortCurve
         Of the model without effects.
     """
-    errors = _held_out_errors(record, decision)
+    held_out = _errors(record, decision, record.validation)
+    fitted = _errors(record, decision, record.estimation)
     places = {_port_of(choice) for choice in decision.final.choices} - {ANYWHERE}
     if all(curve.port != "position" for curve in curves):  # the motion that forces depend on is one
         places = {"velocity" if place == "position" else place for place in places}
-    between = min(np.sqrt(errors[-2] * errors[-1]), errors[-1] / RESEMBLED)
 
     def is_better(curve: "PortCurve") -> bool:
         own = len(decision.fits) == 1 or places <= {curve.port}
-        limit = RESEMBLED * errors[-1] if own else max(between, errors[-1])
-        return bool(_left(curve, errors[0]) < limit)
+        follows = curve.left_fitted is None or curve.left_fitted < _most_left(fitted, own)
+        return bool(follows and _left(curve, held_out[0]) < _most_left(held_out, own))
 
     return next(filter(is_better, curves), None)
+
+
+def _most_left(errors: Floats, own: bool) -> float:
+    """Return how much a curve may leave to stand for the true law, where all names are at its own place or not."""
+    if own:
+        return float(RESEMBLED * errors[-1])
+    return float(max(min(np.sqrt(errors[-2] * errors[-1]), errors[-1] / RESEMBLED), errors[-1]))
 
 
 def _port_of(choice: Choice) -> str:
@@ -121,15 +130,14 @@ def each_counts(record: "Record", decision: Decision) -> bool:
 
     One that does less is no finding beside it: it may as well be part of what follows the unexplained.
     """
-    errors = _held_out_errors(record, decision)
+    errors = _errors(record, decision, record.validation)
     gains = -np.diff(errors)[len(decision.given) :]
     return bool((gains > decision.left_share * errors[0]).all())
 
 
-def _held_out_errors(record: "Record", decision: Decision) -> Floats:
-    """Return the mean squared errors on validation rows: without effects, with one, two, ..."""
-    rows, y = record.validation, record.y[:, 0]
-    fits = (decision.baseline, *(decision.fits or (decision.baseline,)))
+def _errors(record: "Record", decision: Decision, rows: Mask) -> Floats:
+    """Return the mean squared errors on rows: without effects, with one, two, ..."""
+    y, fits = record.y[:, 0], (decision.baseline, *(decision.fits or (decision.baseline,)))
     return np.array([np.mean((y - fit.output)[rows] ** 2) for fit in fits])
 
 

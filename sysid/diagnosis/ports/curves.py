@@ -65,6 +65,8 @@ class PortCurve:
     left : float or None
         Mean squared error on the judged rows that the map leaves; None where no map was fitted, or where
         a long record is looked at through windows, each of which has a start of its own.
+    left_fitted : float or None
+        The same on the rows that the map was fitted to.
     """
 
     port: str
@@ -84,6 +86,7 @@ class PortCurve:
     status: str
     sentence: str
     left: float | None = None
+    left_fitted: float | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return plain values; one that is not finite becomes null."""
@@ -222,6 +225,8 @@ def _curve(
         return _blank(record, port, "what it depends on does not vary, or the run diverges")
     fit, share, interval = _best_judged(baseline, fits)
     errors = np.concatenate(judged_errors(fit.loop, fit.point, baseline))
+    n_fitted = sum(int(stretch.fitted.sum()) for stretch in fit.loop.stretches)
+    whole = errors.size == n_judged
     shape = shape_of(fit)
     coarser = [other for other in fits if fit.loop.knots.size / other.loop.knots.size >= FEWER]
     if coarser:
@@ -239,7 +244,8 @@ def _curve(
         knots=fit.loop.knots,
         status=_status(fit, moved := _improves(fit, baseline)),
         sentence=_sentence(port, share, interval[0], shape) if moved else _nothing_found(port),
-        left=float(np.mean(errors**2)) if errors.size == n_judged else None,
+        left=float(np.mean(errors**2)) if whole else None,
+        left_fitted=fit.loop.error(fit.point) / n_fitted if whole else None,
     )
 
 
