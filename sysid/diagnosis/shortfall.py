@@ -105,7 +105,7 @@ def resembled(record: "Record", decision: Decision, curves: "Sequence[PortCurve]
 
 
 def _most_left(errors: Floats, own: bool) -> float:
-    """Return how much a curve may leave to stand for the true law, where all names are at its own place or not."""
+    """Return what a curve may leave to stand for the true law; ``own`` where all names are at its place."""
     if own:
         return float(RESEMBLED * errors[-1])
     return float(max(min(np.sqrt(errors[-2] * errors[-1]), errors[-1] / RESEMBLED), errors[-1]))
