@@ -23,6 +23,7 @@ from sysid.diagnosis.linear import structure as linear_structure
 from sysid.diagnosis.linear.structure import LinearStructure
 from sysid.diagnosis.orders import decided_with_order
 from sysid.diagnosis.physics import structure as physics_structure
+from sysid.diagnosis.physics.evaluation import Evaluation
 from sysid.diagnosis.physics.structure import PhysicsStructure
 from sysid.diagnosis.ports.physics_plant import PhysicsPlant
 from sysid.diagnosis.structures.rows import SEARCH_ROWS, rows_of_search
@@ -31,6 +32,7 @@ from sysid.diagnosis.structures.work import Work
 from sysid.physics import fit_physics, load_model
 from sysid.physics.forced import COARSER, ForcedPlant
 from sysid.progress import Progress
+from sysid.separable.descent import Status, descend
 
 FEW = ["quad_drag", "in_delay", "out_offset", "out_drift", "cubic_stiffness"]
 START = {"m": 1.1, "c": 0.45, "k": 2.2}
@@ -356,3 +358,26 @@ def test_values_that_a_shape_is_tried_at_are_looked_for_once():
     grid, rows = quantiser.forms[0].parameters[0].grid, setting.record.estimation
     assert setting.tried(grid, rows) is setting.tried(grid, rows.copy())
     assert not np.array_equal(setting.tried(grid, rows), setting.tried(grid, setting.record.learning))
+
+
+def test_no_jacobian_is_made_for_a_step_that_is_not_taken():
+    class Root:
+        """Newton's steps to the root of two: each of them is taken."""
+
+        jumps, jacobians = False, 0
+
+        def residual(self, x):
+            return x**2 - 2.0
+
+        def jacobian(self, x):
+            self.jacobians += 1
+            return 2.0 * x[:, np.newaxis]
+
+        def with_derivative(self, x):
+            return self.residual(x), self.jacobian(x)
+
+    root = Root()
+    end = descend(Evaluation(root, 3), np.array([3.0]), max_evaluations=3)
+    assert end.status is Status.MAX_EVALUATIONS
+    assert len(end.costs) == 3
+    assert root.jacobians == 2

@@ -245,7 +245,8 @@ def descend(
             if met is not None and met(point):
                 status = Status.MET
                 break
-            jac, r = _compressed(point)
+            if n_evaluations < max_evaluations:
+                jac, r = _compressed(point)
         else:
             if small_step or abs(predicted) <= max(small, 1e-15 * cost):
                 status = Status.STEP

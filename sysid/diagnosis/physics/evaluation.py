@@ -26,15 +26,23 @@ class Searched(Protocol):
 
 
 class Evaluation:
-    """Residuals of a problem, with the Jacobian at once as long as the search takes its steps."""
+    """Residuals of a problem, with the Jacobian at once as long as the search takes its steps.
 
-    def __init__(self, problem: Searched) -> None:
-        self._problem = problem
+    Parameters
+    ----------
+    problem : Searched
+    most : int
+        Evaluations that the search may make: after the last one it takes no further step.
+    """
+
+    def __init__(self, problem: Searched, most: int) -> None:
+        self._problem, self._left = problem, most
         self._derivative_is_wanted = True
 
     def __call__(self, point: Floats) -> Residual:
         """Return the residual at a point, and how to get its Jacobian."""
-        if self._problem.jumps or not self._derivative_is_wanted:
+        self._left -= 1
+        if self._problem.jumps or not self._derivative_is_wanted or not self._left:
             return Residual(self._problem.residual(point), lambda: self._asked(self._problem.jacobian(point)))
         self._derivative_is_wanted = False
         residual, J = self._problem.with_derivative(point)

@@ -383,13 +383,14 @@ class Problem:
         ``met`` as for `sysid.separable.descent.descend`.
         """
         lower, upper = self.bounds
+        most = self.budget.evaluations(evaluations, self.steps_of_an_evaluation)
         with np.errstate(all="ignore"):
             return descend(
-                Evaluation(self),
+                Evaluation(self, most),
                 np.clip(point, lower, upper),
                 bounds=(lower, upper),
                 negligible=tolerance,
-                max_evaluations=self.budget.evaluations(evaluations, self.steps_of_an_evaluation),
+                max_evaluations=most,
                 met=met,
             )
 
