@@ -1,6 +1,7 @@
 """Two effects at once: neither is missed for what the other does to rows, to the plant, or to a curve."""
 
 import numpy as np
+import pytest
 from scipy.signal import lfilter
 
 import sysid
@@ -32,6 +33,27 @@ def test_a_gain_that_changes_where_rows_are_held_out_hides_no_other_effect():
         make_record(u, y, 1.0, split=split), order=1, initial_state="rest", effects=effects
     )
     assert set(found.accepted) == {"cubic_stiffness", "time_variation"}
+
+
+@pytest.mark.parametrize(("slope", "hold"), [(0.4, 12), (1.0, 1)], ids=["like a relay", "with a slope"])
+def test_a_jump_at_the_edges_of_a_dead_zone_is_found_with_it(slope, hold):
+    """Alone, the dead zone is too narrow, or a relay does better than either of the two."""
+    rng = np.random.default_rng(2)
+    n = 1200
+    u = np.repeat(rng.uniform(-2.0, 2.0, n // hold), hold)
+    beyond = np.sign(u) * np.maximum(np.abs(u) - 0.7, 0.0)
+    x = slope * beyond + 1.2 * np.sign(beyond)
+    y = lfilter([0.0, 0.3], [1.0, -0.7], x)
+    y += 0.03 * y.std() * rng.standard_normal(n)
+    effects = ["in_deadzone", "in_preload", "in_relay", "in_saturation", "time_variation", "op_gain"]
+    split = np.repeat(["est", "val"], [800, 400])
+    found = sysid.diagnose(
+        make_record(u, y, 1.0, split=split), order=1, initial_state="rest", effects=effects
+    )
+    assert set(found.accepted) == {"in_deadzone", "in_preload"}
+    for width in found.final.fitted.parameters_of("in_deadzone"):
+        assert abs(width.value - 0.7) < 0.04
+        assert np.isnan(width.std_error)  # it lies between two inputs, which no slope tells
 
 
 def sliding(drag, friction):

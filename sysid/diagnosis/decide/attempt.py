@@ -14,10 +14,11 @@ from sysid.diagnosis.decide.refinement import refined
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.decide.revision import exchanged, freed, reordered, without_idle
 from sysid.diagnosis.decide.rungs import rungs_to
-from sysid.diagnosis.decide.trials import Trials
+from sysid.diagnosis.decide.trials import POLISHED, Trials
 from sysid.diagnosis.decide.verdict import Judge, explains_most, leaves_a_trace
 from sysid.diagnosis.structures.cells import QUANTISER, are_steps
-from sysid.diagnosis.structures.structure import WHITE, Effort, StructureFit
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
+from sysid.diagnosis.structures.thresholds import DEAD_ZONE, JUMP, RELAY
 
 ZERO = "out_offset"
 # How many runners-up are tried before a record counts as unexplained, and how many beside each.
@@ -189,6 +190,7 @@ class Attempt:
         """
         evidence = self.evidence
         fits = {trial.name: trial.fit for trial in trials if trial.fit is not None}
+        yield from self._jump_at_edges(trials)
         if len(fits) > 1:
             by_noise = min(fits, key=lambda name: evidence.own_criterion(fits[name]))
             by_error = min(fits, key=lambda name: evidence.cost(fits[name], WHITE_NOISE))
@@ -206,6 +208,21 @@ class Attempt:
             found = self.trials.beside(trial.fit, True, BESIDE_RUNNER_UP)
             if found and found[0].fit is not None and found[0].gain > 0.0:
                 yield found[0].fit
+
+    def _jump_at_edges(self, trials: tuple[Trial, ...]) -> Iterator[StructureFit]:
+        """Yield a dead zone before a jump where one of these leads, or a relay: both of them but for a slope.
+
+        Each of the two alone hides the other: a dead zone that is too narrow has part of the jump in it.
+        """
+        pair = [e for name in (DEAD_ZONE, JUMP) for e in self.trials.candidates if e.name == name]
+        near = [t for t in trials[:POLISHED] if t.name in (RELAY, DEAD_ZONE, JUMP) and t.fit is not None]
+        if len(pair) < 2 or not near or near[0].fit is None or not is_significant(self.evidence, near[0]):
+            return
+        rows, found = self.evidence.rows, []
+        for forms in zip(*(effect.found_by for effect in pair), strict=True):
+            choices = [Choice(effect, form) for effect, form in zip(pair, forms, strict=True)]
+            found.append(self.evidence.structure.fit(choices, rows, WHITE, near[0].fit, effort=Effort.FINE))
+        yield from sorted(filter(lambda fit: fit.usable, found), key=self.evidence.own_criterion)[:1]
 
     def _best_with(self, name: str, fits: Sequence[StructureFit]) -> StructureFit | None:
         """Return the best of some fits with one more effect, the leading ones searched with more care."""

@@ -77,7 +77,8 @@ def standard_errors(
     J = chain.slopes(data, point, run, noise).T
     scale = np.linalg.norm(J, axis=0)
     read = read_cells(chain, data, point)
-    used = scale > 0.0  # a relay's threshold moves within its cell without any change
+    # A threshold moves within its cell without any change, or with what a jump behind it is then given.
+    used = (scale > 0.0) & (chain.smooth(data) | (read is not None))
     R = np.linalg.qr(J[:, used] / scale[used], mode="r")
     variance = cost / max(J.shape[0] - point.size, 1)
     if np.abs(np.diag(R)).min(initial=1.0) > DEPENDENT:

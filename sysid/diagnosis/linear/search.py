@@ -15,6 +15,7 @@ from sysid.diagnosis.linear.restarts import AGREEMENT
 from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.linear.starts import with_regressed_coefficients
 from sysid.diagnosis.structures.structure import Effort
+from sysid.diagnosis.structures.thresholds import moves_a_jump
 
 # A grid of two shapes is searched whole up to this size, beyond it one shape after the other.
 LARGEST_PRODUCT = 50
@@ -71,6 +72,7 @@ class EffectSearch:
         self.which = which % len(chain.choices)
         self.place, self.choice = chain.places(data)[which], chain.choices[which]
         self.form = self.choice.form
+        self.smooth = self.form.smooth and not moves_a_jump(chain.choices, self.which)
         self.shapes = np.array(self.form.shapes, dtype=np.intp) + self.place.start
         size = chain.size(data)
         self.others = np.ones(size, dtype=bool)
@@ -107,8 +109,8 @@ class EffectSearch:
             return ranked([self._minimise(point, effort) for point in points])
         if not self.found:
             self._search_grid()
-        leaders = self._leaders(1 + 2 * effort if self.form.smooth else 1 + effort)
-        if not self.form.smooth:
+        leaders = self._leaders(1 + 2 * effort if self.smooth else 1 + effort)
+        if not self.smooth:
             return self._narrowed(leaders, effort)
         return self._descended(leaders, effort)
 
@@ -307,7 +309,7 @@ def ranked(minima: Iterable[Minimum | None]) -> list[Minimum]:
 
 
 def with_map_before(
-    chain: Chain, data: Data, noise: Floats, which: int, ends: list[Minimum]
+    chain: Chain, data: Data, noise: Floats, which: int, ends: list[Minimum], effort: Effort
 ) -> list[Minimum]:
     """Return ends of a search, best first, with those where a map before it is searched anew beside it.
 
@@ -321,4 +323,4 @@ def with_map_before(
     if not before:
         return ends
     search = EffectSearch(chain, data, noise, [ends[0].point], which=before[-1])
-    return ranked([*ends, *search.search(Effort.COARSE)])
+    return ranked([*ends, *search.search(Effort.COARSE if search.smooth else effort)])

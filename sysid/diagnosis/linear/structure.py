@@ -275,7 +275,6 @@ class LinearStructure:
         """Search an effect of a chain, from a point without it, on part of the rows; polish on all."""
         part, which = for_search(data, self.free_start), chain.choices.index(new)
         names = tuple((choice.name, choice.form.name) for choice in chain.choices)
-
         key = which, names, rows.tobytes(), noise.tobytes(), point.tobytes()
 
         def searched() -> Grid:
@@ -290,7 +289,7 @@ class LinearStructure:
         ends = EffectSearch(chain, part, noise, grid.starts, grid.found, which).search(effort)
         if not ends:
             return None, False
-        ends = with_map_before(chain, part, noise, which, ends)
+        ends = with_map_before(chain, part, noise, which, ends, effort)
         if part is data:
             return ends[0], agree(ends)
         return self._polished(chain, data, ends[0].point, noise), agree(ends)

@@ -1,6 +1,6 @@
 """Thresholds of jumping maps: a record tells only between which two of its inputs they lie."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -10,11 +10,28 @@ from sysid.diagnosis.wording import NORMAL_95
 
 # So many cells to each side are tried as the place of a threshold.
 MOST_CELLS = 24
+# What has a jump at its edges is a relay but for its slope.
+DEAD_ZONE, JUMP, RELAY = "in_deadzone", "in_preload", "in_relay"
 
 
 def is_switched_by_input(choice: Choice) -> bool:
     """Tell whether an effect jumps at thresholds of the input."""
     return choice.effect.port == "input" and not choice.form.smooth
+
+
+def moves_a_jump(choices: Sequence[Choice], which: int) -> bool:
+    """Tell whether an effect is a dead zone before a jump, which is then at its edges, thresholds of u.
+
+    Examples
+    --------
+    >>> from sysid.diagnosis.effects.catalogue import find_effects
+    >>> names = ["in_deadzone", "in_preload"]
+    >>> zone, jump = (Choice(effect, effect.forms[0]) for effect in find_effects(names))
+    >>> moves_a_jump([zone, jump], 0), moves_a_jump([jump, zone], 1)
+    (True, False)
+    """
+    behind = (choice.name for choice in choices[which + 1 :])
+    return choices[which].name == DEAD_ZONE and JUMP in behind
 
 
 def middle_of_cell(levels: Floats, value: float) -> float:
