@@ -428,3 +428,21 @@ def test_a_law_of_ones_own_in_a_model_that_is_not_linear():
     expected = plant.run(known, NO_LAW[np.newaxis], u, substeps=8, exact=False)
     found = plant.run(softer, np.array([[*NO_LAW, 0.3]]), u, substeps=8, exact=False, own=own)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
+def test_an_event_that_is_found_to_the_last_digit_ends_the_search_for_it():
+    """Of a law so stiff that steps cannot follow it the place where sliding ends jumps by rounding alone."""
+    plant = np.zeros((1, forced_kernels.SIZE))
+    plant[0, [0, 1, 4, 5]] = -0.08242408041007475, 6.585789574396411, -6.885137029140996, -21.477116902130117
+    plant[0, [forced_kernels.FRICTION_FORWARD, forced_kernels.FRICTION_BACK]] = 0.13103814506075254
+    plant[0, forced_kernels.GRAVITY] = -3027.2645768880543
+    plant[0, forced_kernels.WAVE_NUMBER] = 270.73679336145733
+    plant[0, [forced_kernels.PUSH, forced_kernels.READ]] = 21.803712557884356, 1.0
+    plant[0, [forced_kernels.FIRST_POWER, forced_kernels.SECOND_POWER, forced_kernels.GAIN_SCALE]] = 1.0
+    plant[0, [forced_kernels.FIRST_CAP, forced_kernels.SECOND_CAP]] = np.inf
+    by_input = np.array([0.0, 22.794768494982584, 0.0, 0.0]).reshape(1, 4, 1)
+    u = np.array([1.37829748, 1.39945849]).reshape(1, 2, 1)
+    start = np.array([[683.0901035567488, -96.83206991837375, 0.0, 0.0]])
+    y, states = np.zeros((1, 2)), np.zeros((1, 0, 4))
+    lane_runs(plant, 2, True, by_input, np.zeros((1, 1)), u, start, 0.014, 1, y, states)
+    assert np.isfinite(y).all()
