@@ -91,7 +91,8 @@ class Profile:
 
         Half the longer side of a 95 % interval, over 1.96.  That of a logarithm is relative to the value.
         """
-        errors = np.sqrt(np.diag(self.inverse) * self.variances)
+        with np.errstate(invalid="ignore"):  # of what the output does not tell there is none
+            errors = np.sqrt(np.diag(self.inverse) * self.variances)
         asked = asked & np.isfinite(errors)
         bent = []
         for i in np.flatnonzero(asked).tolist():
