@@ -8,9 +8,8 @@ from sysid.demonstration.effects import Hidden, inside
 from sysid.demonstration.plants import Plant
 from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.linear.structure import LinearStructure
-from sysid.diagnosis.physics import lengthening
 from sysid.diagnosis.physics import structure as physics_structure
-from sysid.diagnosis.physics.structure import FINEST, PhysicsStructure
+from sysid.diagnosis.physics.structure import PhysicsStructure
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort
 from sysid.physics import load_model
 
@@ -68,20 +67,6 @@ def test_a_body_that_sticks_is_followed_through_all_its_stops(seed):
     fit = structure.fit([choice_of("stribeck")], rows, WHITE, structure.baseline(rows), effort=Effort.FINE)
     # Of a search that ends where a stop or two are missed it is 1.4 and 2.0.
     assert np.sqrt(fit.cost / rows.sum()) < 1.05 * noise
-
-
-def test_no_further_way_is_gone_after_one_that_ends_at_the_best(monkeypatch):
-    structure, rows, _ = sticking(6)
-    problem = structure._problem([choice_of("coulomb")], rows, WHITE)
-    best = structure.fit([choice_of("coulomb")], rows, WHITE, structure.baseline(rows), effort=Effort.FINE)
-    end, ways, openings = problem.descend(best.point, *FINEST), [], lengthening.openings
-    monkeypatch.setattr(
-        lengthening,
-        "openings",
-        lambda used, begin, factor: ways.append(factor) or openings(used, begin, factor),
-    )
-    assert lengthening.lengthened(problem, end, *FINEST).cost <= end.cost
-    assert ways == [2.0]
 
 
 def test_openings_are_searched_by_the_plain_error_only_where_that_is_looked_at_anyway(monkeypatch):

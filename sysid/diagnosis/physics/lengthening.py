@@ -3,14 +3,12 @@
 import numpy as np
 
 from sysid.data.record import Mask
-from sysid.diagnosis.physics.descents import agree, cost_of
 from sysid.diagnosis.physics.problem import Problem
 from sysid.diagnosis.structures.lengthening import ITERATIONS, TOLERANCE, openings
 from sysid.separable.descent import Minimum, Residual
 
 # How many times as many rows the next opening has, in one search after the other: which way leads past a stop
-# that is missed is a matter of luck, and coarse ways take the least time.  None follows one that ends at the
-# best so far, which is then found twice.
+# that is missed is a matter of luck, and coarse ways take the least time.
 FACTORS = (2.0, 1.5, 1.25)
 
 
@@ -35,10 +33,7 @@ def lengthened(
             near = _on(problem, rows).descend_if_finite(point, ITERATIONS, TOLERANCE)
             point = point if near is None else near.x
         again = problem.descend_if_finite(point, evaluations, tolerance)
-        ends = sorted([end, *([] if again is None else [again])], key=cost_of)
-        end = ends[0]
-        if agree(ends):
-            break
+        end = end if again is None or again.cost >= end.cost else again
     return end
 
 
