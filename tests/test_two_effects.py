@@ -89,3 +89,21 @@ def test_a_friction_that_falls_gives_way_to_a_constant_one_beside_a_drag():
     baseline = structure.baseline(evidence.rows)
     fit = structure.fit(choices, evidence.rows, WHITE, baseline, effort=Effort.COARSE)
     assert among_its_kind(trials, fit, 0).names == ("coulomb", "quad_drag")
+
+
+def test_one_force_gives_way_to_another_behind_a_quantiser():
+    """Without any force the run misses whole steps: no screen there tells what should be searched."""
+    plain = sliding(2.0, 0.0)
+    step = 0.25 * float(np.std(plain.y))
+    record = make_record(plain.u[:, 0], step * np.round(plain.y[:, 0] / step), period=0.1)
+    model = load_model("positioning-stage").with_parameters(
+        {"M": 1.1, "F_v": 0.22}, {"gain": 1.0, "offset": 0.0}
+    )
+    structure = PhysicsStructure(record, model, "rest", ())
+    evidence = Evidence(structure, record.estimation, record.validation, 0.01)
+    stiffness, drag, steps = find_effects(["cubic_stiffness", "quad_drag", "out_quantisation"])
+    trials = Trials(evidence, (stiffness, drag, steps), 0, 1, Progress(), Allowance())
+    choices = [Choice(effect, effect.forms[0]) for effect in (stiffness, steps)]
+    baseline = structure.baseline(evidence.rows)
+    fit = structure.fit(choices, evidence.rows, WHITE, baseline, effort=Effort.COARSE)
+    assert among_its_kind(trials, fit, 0).names == ("quad_drag", "out_quantisation")

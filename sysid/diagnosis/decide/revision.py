@@ -55,10 +55,10 @@ def exchanged(trials: Trials, fit: StructureFit, n_given: int) -> StructureFit:
 
 
 def among_its_kind(trials: Trials, fit: StructureFit, n_given: int) -> StructureFit:
-    """Try others of its kind in the place of each dry friction and each switch, all else as it stands.
+    """Try others of its kind in the place of each force and each switch, all else as it stands.
 
     The first was chosen without the others, and may be more than is missing.  Without any of its kind the
-    plant is lost, so that no search from there comes back.
+    plant is lost, so that no search from there comes back, nor does a screen there tell what to search.
     """
     evidence = trials.evidence
     for position in range(n_given, len(fit.choices)):
@@ -74,7 +74,9 @@ def among_its_kind(trials: Trials, fit: StructureFit, n_given: int) -> Structure
 
 
 def _of_one_kind(effect: Effect, other: Effect) -> bool:
-    return (effect.dry and other.dry) or (effect.name in SWITCHES and other.name in SWITCHES)
+    if "force" in (effect.port, other.port):
+        return effect.port == other.port and effect.dry == other.dry
+    return effect.name in SWITCHES and other.name in SWITCHES
 
 
 def _in_place(evidence: Evidence, found: Sequence[Trial], noise: Noise, position: int) -> StructureFit | None:
