@@ -38,7 +38,7 @@ def named_parameters(problem: Problem, x: Floats, errors: Floats) -> tuple[Fitte
 
 def standard_errors(
     problem: Problem, point: Floats, left: Floats = WHITE, *, closely: bool = False
-) -> tuple[Floats, Floats | None]:
+) -> Floats:
     """Return the standard error of each unknown; infinite where the output does not tell.
 
     Parameters
@@ -53,10 +53,7 @@ def standard_errors(
     Returns
     -------
     ndarray, shape (n_unknowns,)
-    ndarray or None
-        A point that is far more likely, if one was met.
     """
-    lower = None
     J = slopes_of_both_sides(problem, point)
     relative = _relative_to_a_level(problem, point)
     J[:, relative & _levels(problem)] = 0.0  # beside it the others would seem known to rounding
@@ -72,12 +69,11 @@ def standard_errors(
         errors[place] = cells.step_error
     errors[relative] = np.inf
     if closely and read is None:
-        profile = profile_of(problem, point, J, errors)
-        followed = profile.standard_errors(smooth(problem))
-        errors, lower = np.where(np.isfinite(errors), followed, errors), profile.lower
+        followed = profile_of(problem, point, J, errors).standard_errors(smooth(problem))
+        errors = np.where(np.isfinite(errors), followed, errors)
     for place, error in threshold_errors(problem, point, runs, left):
         errors[place] = error
-    return np.asarray(errors), lower
+    return np.asarray(errors)
 
 
 def slopes_of_both_sides(problem: Problem, point: Floats) -> Floats:

@@ -361,7 +361,7 @@ class PhysicsStructure:
     ) -> StructureFit:
         """Return a fit with standard errors of its parameters filled in."""
         problem = self._problem(fit.choices, fit.rows, WHITE if plain else noise)
-        errors, _ = standard_errors(problem, fit.point, noise if plain else WHITE, closely=closely)
+        errors = standard_errors(problem, fit.point, noise if plain else WHITE, closely=closely)
         return replace(fit, parameters=named_parameters(problem, fit.point, errors))
 
     def probes(self, fit: StructureFit) -> Floats:
