@@ -9,6 +9,8 @@ from scipy.signal import lfilter
 from sysid.data import make_record
 from sysid.diagnosis import advice
 from sysid.diagnosis.decide.alignment import chance_at_other_times
+from sysid.diagnosis.decide.decision import Trial
+from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.decide.revision import exchanged, still_tied, without_idle
 from sysid.diagnosis.decide.trials import Trials, may_hold
@@ -165,8 +167,10 @@ def test_a_tie_ends_with_the_effect_it_began_with():
     two = structure.fit((saturation, offset), rows, WHITE, one, effort=Effort.COARSE)
     record = structure.record
     trials = Trials(Evidence(structure, rows, record.validation, 0.01), (), 0, 1, Progress())
-    assert still_tied(trials, one, ("in_saturation", "in_relay")) == ("in_saturation", "in_relay")
-    assert still_tied(trials, two, ("in_relay", "in_preload")) == ()
+    names = ("in_saturation", "in_relay", "in_preload")
+    first, second, third = (Trial(name, one, WHITE_NOISE, 0.0) for name in names)
+    assert still_tied(trials, one, (first, second)) == (first, second)
+    assert still_tied(trials, two, (second, third)) == ()
 
 
 def test_an_effect_chosen_beside_one_that_was_exchanged_is_looked_at_again():

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision
+from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE
 from sysid.diagnosis.decide.verdict import TRACE_SHARE
 from sysid.diagnosis.experiment import Responding, separating_experiment
@@ -72,8 +72,8 @@ def _by_verdict(structure: Structure, decision: Decision, accepted: Sequence[str
             f" {percent(decision.left_share)} of the explainable error is left, which nothing in the list "
             "explains: a detail of the plant beside them, or their laws are not quite these."
         )
-    if len(decision.tie) > 1:
-        sentence += f" {_tie(decision.tie)}{_experiment(structure, decision)}"
+    for tie in decision.ties:
+        sentence += f" {_tie([trial.name for trial in tie])}{_experiment(structure, tie, decision.floor)}"
     return sentence + _loop(decision)
 
 
@@ -87,22 +87,21 @@ def _loop(decision: Decision) -> str:
     )
 
 
-def _experiment(structure: Structure, decision: Decision) -> str:
+def _experiment(structure: Structure, tie: Sequence[Trial], noise: float) -> str:
     """Say which experiment would separate the first two candidates of a tie."""
-    fits = {trial.name: trial.fit for trial in decision.trials}
-    first, second = fits.get(decision.tie[0]), fits.get(decision.tie[1])
+    first, second = (trial.fit for trial in tie[:2])
     if first is None or second is None or not isinstance(structure, Responding):
         return " Repeat the measurement with larger and with faster inputs."
     record = structure.record
-    found = separating_experiment(structure, first, second, record.u[:, 0], decision.floor)
+    found = separating_experiment(structure, first, second, record.u[:, 0], noise)
     if found is None:
         return " Repeat the measurement with larger and with faster inputs."
-    told = f"{decision.tie[0]} from {decision.tie[1]}"
+    told = f"{tie[0].name} from {tie[1].name}"
     design = f"{found.n_samples} samples of {found.design}"
     if found.separation < LEAST_SEPARATION:
         return (
             f" No input within the range of this one would tell {told} ({design}: {found.separation:.2g} "
-            "standard deviations of the noise): here they do the same; only a wider range of the input tells."
+            "standard deviations of the noise): here they do the same, unless over a wider range."
         )
     return (
         f" {design} would separate {told} best: by {found.separation:.3g} standard deviations of the noise."

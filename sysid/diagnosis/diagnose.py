@@ -213,7 +213,7 @@ def _with_nothing_found(decision: Decision) -> Decision:
         verdict="unexplained",
         fits=decision.fits[:kept],
         accepted=decision.given,
-        tie=(),
+        ties=(),
         rejected=tuple(name for name in decision.accepted if name != NOISE_EFFECT),
         left_share=1.0,
     )

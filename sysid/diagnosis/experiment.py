@@ -77,8 +77,9 @@ def _inputs(low: float, high: float, n: int) -> Iterator[tuple[str, Floats]]:
         size = "over the whole range" if share == 1.0 else f"over {100 * share:.0f} % of the range"
         for hold in (1, 5, 25):
             levels = rng.uniform(bottom, top, n // hold + 1)
-            yield f"random levels held for {hold} samples {size}", np.repeat(levels, hold)[:n]
+            often = "sample" if hold == 1 else f"{hold} samples"
+            yield f"random levels, a new one every {often}, {size}", np.repeat(levels, hold)[:n]
             switch = np.where(rng.random(n // hold + 1) < 0.5, bottom, top)
-            yield f"random switching every {hold} samples {size}", np.repeat(switch, hold)[:n]
+            yield f"random switching every {often} {size}", np.repeat(switch, hold)[:n]
         phase = np.cumsum(np.geomspace(2 * np.pi / n, 2.0, n))
         yield f"a sweep {size}", middle + 0.5 * (top - bottom) * np.sin(phase)

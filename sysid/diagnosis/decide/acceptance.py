@@ -197,18 +197,18 @@ def is_better_held_out(evidence: Evidence, fit: StructureFit, other: StructureFi
     ) < evidence.held_out_error(other, WHITE)
 
 
-def tied(evidence: Evidence, trials: Sequence[Trial]) -> tuple[str, ...]:
+def tied(evidence: Evidence, trials: Sequence[Trial]) -> tuple[Trial, ...]:
     """Return the first candidate with those that a paired block test cannot tell from it."""
     best = trials[0]
     assert best.fit is not None
     noise, rows = best.noise.polynomial, evidence.structure.record.learning
     own = filtered(evidence.residual(best.fit), rows, noise)
     equals = [
-        trial.name
+        trial
         for trial in trials[1:]
         if trial.fit is not None
         and is_significant(evidence, trial)
         and not told_apart(own, filtered(evidence.residual(trial.fit), rows, noise))
         and not (evidence.smooth and (1.0 - LEAST_FALL) * trial.validation > best.validation)
     ]
-    return (best.name, *equals) if equals else ()
+    return (best, *equals) if equals else ()

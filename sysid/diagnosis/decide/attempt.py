@@ -133,7 +133,7 @@ class Attempt:
         fits = [*given, trial.fit]
         further = self.growth.grown(decision.baseline, fits, len(given), n_kept=len(fits))
         trials = (trial, *(other for other in grown.trials if other is not trial))
-        return self._judged(decision.baseline, Grown(further.fits, trials, ()))
+        return self._judged(decision.baseline, further._replace(trials=trials))
 
     def _unread(self, decision: Decision) -> bool:
         """Tell whether readings stand plainly in steps, and no quantiser was found.

@@ -58,8 +58,8 @@ class Decision:
     accepted : tuple of str
     trials : tuple of Trial
         All single candidates, best first.
-    tie : tuple of str
-        Candidates that cannot be told from the first accepted one.
+    ties : tuple of tuple of Trial
+        For each accepted effect that others cannot be told from: it and these, beside all other effects.
     noise : Noise
         Colour of the final residual.
     left_p_value, left_share : float
@@ -87,7 +87,7 @@ class Decision:
     fits: tuple[StructureFit, ...]
     accepted: tuple[str, ...]
     trials: tuple[Trial, ...]
-    tie: tuple[str, ...]
+    ties: tuple[tuple[Trial, ...], ...]
     noise: Noise
     left_p_value: float
     left_share: float
@@ -99,6 +99,11 @@ class Decision:
     stands_in: bool = False
     resembled_at: str = ""
     size_foretold: bool = False
+
+    @property
+    def tie(self) -> tuple[str, ...]:
+        """Names of the first tie; empty where each accepted effect can be told from all candidates."""
+        return tuple(trial.name for trial in self.ties[0]) if self.ties else ()
 
     @property
     def final(self) -> StructureFit:

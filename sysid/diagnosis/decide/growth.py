@@ -27,11 +27,11 @@ ANOTHER = 6.0
 
 
 class Grown(NamedTuple):
-    """What came of growing: fits with one, two, ... effects, the single candidates, and a tie."""
+    """What came of growing: fits with one, two, ... effects, the single candidates, and ties."""
 
     fits: list[StructureFit]
     trials: tuple[Trial, ...]
-    tie: tuple[str, ...]
+    ties: tuple[tuple[Trial, ...], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class Growth:
         evidence = self.trials.evidence
         n_kept = n_given if n_kept is None else n_kept
         trials: tuple[Trial, ...] = ()
-        tie: tuple[str, ...] = ()
+        ties: dict[str, tuple[Trial, ...]] = {}
         while len(fits) < self.max_effects + n_given:
             current = fits[-1] if fits else baseline
             further = len(fits) > n_given
@@ -101,8 +101,7 @@ class Growth:
                 if pair is None:
                     break
                 grown = pair
-            if not further:
-                tie = tied(evidence, found)
+            ties[found[0].name] = tied(evidence, found)
             if len(grown.choices) > n_given + 1:
                 if self.trials.allowance.permits(REVISED):
                     grown = exchanged(self.trials, grown, n_kept)
@@ -117,9 +116,8 @@ class Growth:
                 fits[-1] = better  # what was accepted beside a poor fit is asked again
                 continue
             fits = rungs_to(evidence.structure, evidence.rows, grown, baseline, n_given)
-        if tie and fits:
-            tie = still_tied(self.trials, fits[-1], tie)
-        return Grown(fits, trials, tie)
+        stand = [still_tied(self.trials, fits[-1], tie) for tie in ties.values() if tie and fits]
+        return Grown(fits, trials, tuple(tie for tie in stand if tie))
 
     def _better_by_itself(self, current: StructureFit, grown: StructureFit) -> StructureFit | None:
         """Return a clearly better fit of the model before, to which a further effect has led the way.

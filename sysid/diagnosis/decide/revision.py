@@ -228,20 +228,25 @@ def _with_one_less(fit: StructureFit, n_given: int) -> Iterator[tuple[Choice, ..
                 yield (*others[:place], replace(choice, form=form), *others[place + 1 :])
 
 
-def still_tied(trials: Trials, fit: StructureFit, tie: tuple[str, ...]) -> tuple[str, ...]:
+def still_tied(trials: Trials, fit: StructureFit, tie: tuple[Trial, ...]) -> tuple[Trial, ...]:
     """Return who of a tie still stands beside the effects that were found after it.
 
-    Alone, candidates look alike that differ where another effect has left its own error.
+    Candidates look alike that differ where an effect that was not yet found has left its own error.
 
     Parameters
     ----------
     trials : Trials
     fit : StructureFit
         With all effects.
-    tie : tuple of str
-        The accepted effect and those that could not be told from it while it was alone.
+    tie : tuple of Trial
+        The accepted effect and those that could not be told from it when it was found.
+
+    Returns
+    -------
+    tuple of Trial
+        The same beside all others; empty where it is told from each, or gone.
     """
-    evidence, first = trials.evidence, tie[0]
+    evidence, first = trials.evidence, tie[0].name
     if first not in fit.names:
         return ()
     if len(fit.choices) < 2:
@@ -250,9 +255,9 @@ def still_tied(trials: Trials, fit: StructureFit, tie: tuple[str, ...]) -> tuple
     noise, rows = evidence.colour(fit), evidence.structure.record.learning
     without = evidence.structure.fit(others, evidence.rows, noise.polynomial, fit, effort=Effort.REFIT)
     own = filtered(evidence.residual(fit), rows, noise.polynomial)
-    stand = []
+    stand, names = [], [trial.name for trial in tie[1:]]
     for effect in trials.candidates:
-        if effect.name not in tie[1:] or effect.name in fit.names or not without.usable:
+        if effect.name not in names or effect.name in fit.names or not without.usable:
             continue
         trial = trials.best_form(without, effect, effect.found_by, noise, Effort.COARSE)
         if trial.fit is None:
@@ -260,8 +265,8 @@ def still_tied(trials: Trials, fit: StructureFit, tie: tuple[str, ...]) -> tuple
         left = filtered(evidence.residual(trial.fit), rows, noise.polynomial)
         if not told_apart(own, left):
             stand.append(trial)
-    names = [trial.name for trial in sorted(stand, key=lambda trial: trial.criterion)]
-    return (first, *names) if names else ()
+    best = replace(tie[0], fit=fit, noise=noise)
+    return (best, *sorted(stand, key=lambda trial: trial.criterion)) if stand else ()
 
 
 def pruned(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:

@@ -162,7 +162,7 @@ class Search:
 
 
 def _amended(attempt: Attempt, decision: Decision) -> Decision:
-    """Return a decision whose candidates and tie are those of the one effect that was found, where it is one.
+    """Return a decision with the candidates and the tie of the one effect that was found, where it is one.
 
     It may have come to stand alone after another, beside which it was found, had been left out.
     """
@@ -172,7 +172,8 @@ def _amended(attempt: Attempt, decision: Decision) -> Decision:
     trials = attempt.trials.amended(before, decision.trials, decision.final)
     if trials is decision.trials or trials[0].name != decision.final.choices[-1].name:
         return replace(decision, trials=trials)
-    return replace(decision, trials=trials, tie=tied(attempt.evidence, trials))
+    tie = tied(attempt.evidence, trials)
+    return replace(decision, trials=trials, ties=(tie,) if tie else ())
 
 
 def _held_out_rows_show_more(evidence: Evidence, decision: Decision) -> bool:

@@ -55,7 +55,7 @@ class Judge:
         baseline: StructureFit,
         fits: Sequence[StructureFit],
         trials: tuple[Trial, ...],
-        tie: tuple[str, ...],
+        ties: tuple[tuple[Trial, ...], ...],
         fed_back: bool = False,
     ) -> Decision:
         """Judge the last of the fits, which has all effects, by what it leaves.
@@ -67,8 +67,8 @@ class Judge:
             With one, two, ... effects.
         trials : tuple of Trial
             All single candidates.
-        tie : tuple of str
-            Candidates that cannot be told from the first.
+        ties : tuple of tuple of Trial
+            Accepted effects, each with the candidates that cannot be told from it.
         fed_back : bool
             Whether what is left is known to be noise that a controller handed on to the input.
         """
@@ -107,7 +107,7 @@ class Judge:
             accepted.append(NOISE_EFFECT)
         verdict = "missing-effect" if fits else ("coloured-noise" if accepted else "nothing-missing")
         return Decision(
-            verdict, baseline, tuple(fits), tuple(accepted), trials, tie, noise, left_p, left_share, floor,
+            verdict, baseline, tuple(fits), tuple(accepted), trials, ties, noise, left_p, left_share, floor,
             (), self.given, fed_back,
         )  # fmt: skip
 

@@ -33,6 +33,7 @@ from sysid.diagnosis.physics.offered import idle_levels, makes_sense, with_level
 from sysid.diagnosis.physics.parameters import named_parameters, standard_errors
 from sysid.diagnosis.physics.points import moved
 from sysid.diagnosis.physics.problem import COARSE_STEP, Problem, problem_of
+from sysid.diagnosis.physics.response import response
 from sysid.diagnosis.physics.scatter import is_rugged, scattered
 from sysid.diagnosis.physics.search import problem_point, refined
 from sysid.diagnosis.physics.setting import Plant, setting_of
@@ -371,6 +372,10 @@ class PhysicsStructure:
     def earlier_probes(self, fit: StructureFit) -> Floats:
         """Return directions that hold the input of earlier rows only, as an effect of the plant does."""
         return probes(self.setting, fit, since=1)
+
+    def respond(self, fit: StructureFit, u: Floats) -> tuple[Floats, Floats]:
+        """Return the free run from rest for an input, and its derivative by all parameters."""
+        return response(self.setting, fit, u)
 
     def poles(self, fit: StructureFit) -> Complexes:
         """Return the poles [1/s] of the model without effects, linearised at rest."""
