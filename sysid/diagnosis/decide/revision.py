@@ -109,7 +109,7 @@ def freed(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:
 def _with_thresholds_again(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:
     """Search the thresholds of earlier effects again beside later ones: no descent moves what jumps."""
     for choice in fit.choices[n_given:-1]:
-        if is_switched_by_input(choice) and not _feeds_another(fit, choice):
+        if is_switched_by_input(fit.choices, fit.choices.index(choice)) and not _feeds_another(fit, choice):
             others = [other for other in fit.choices if other is not choice]
             fit = _better_from(evidence, fit, (*others, choice), (Effort.FINE,))
     return fit

@@ -342,4 +342,4 @@ def _without_memory_first(trials: list[Trial]) -> list[Trial]:
 
 
 def _switches(trial: Trial) -> bool:
-    return trial.fit is not None and is_switched_by_input(trial.fit.choices[-1])
+    return trial.fit is not None and is_switched_by_input(trial.fit.choices, len(trial.fit.choices) - 1)

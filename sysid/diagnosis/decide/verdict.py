@@ -13,7 +13,7 @@ from sysid.diagnosis.decide.noise_colour import Noise
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, Evidence
 from sysid.diagnosis.decide.stand_ins import stand_in
 from sysid.diagnosis.structures.structure import WHITE, Effort, StructureFit, with_fine_steps
-from sysid.diagnosis.structures.thresholds import is_switched_by_input, moves_a_jump
+from sysid.diagnosis.structures.thresholds import is_switched_by_input
 
 # Noise that is coloured beside an effect is a trace of something else if the probes find this.
 SUSPECT_P_VALUE = 3e-3
@@ -137,7 +137,7 @@ class Judge:
 
         The rows of a search tell them only to lie between two of their inputs.
         """
-        jumps = (is_switched_by_input(c) or moves_a_jump(fit.choices, i) for i, c in enumerate(fit.choices))
+        jumps = (is_switched_by_input(fit.choices, i) for i in range(len(fit.choices)))
         if not any(jumps):
             return fit
         moved = self.evidence.structure.fit(fit.choices, rows, WHITE, fit, effort=Effort.REFIT)

@@ -19,7 +19,7 @@ from sysid.diagnosis.linear.kernels import (
 from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.linear.tangents import tangent, tangent_driven, tangent_through
 from sysid.diagnosis.structures.structure import Choice
-from sysid.diagnosis.structures.thresholds import moves_a_jump
+from sysid.diagnosis.structures.thresholds import followed_smoothly
 from sysid.diagnosis.structures.whitening import opening
 from sysid.diagnosis.structures.work import Steps
 
@@ -152,11 +152,7 @@ class Chain:
 
     def smooth(self, data: Data) -> Mask:
         """Tell which unknowns the output follows smoothly: all but the shapes of what jumps."""
-        found = np.ones(self.size(data), dtype=bool)
-        for i, (place, choice) in enumerate(zip(self.places(data), self.choices, strict=True)):
-            if not choice.form.smooth or moves_a_jump(self.choices, i):
-                found[[place.start + shape for shape in choice.form.shapes]] = False
-        return found
+        return followed_smoothly(self.choices, self.places(data), self.size(data))
 
     def run(self, data: Data, point: Floats) -> Run | None:
         """Simulate; None if it diverges."""

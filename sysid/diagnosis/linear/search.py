@@ -15,7 +15,7 @@ from sysid.diagnosis.linear.restarts import AGREEMENT
 from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.linear.starts import with_regressed_coefficients
 from sysid.diagnosis.structures.structure import Effort
-from sysid.diagnosis.structures.thresholds import moves_a_jump
+from sysid.diagnosis.structures.thresholds import jumps
 
 # A grid of two shapes is searched whole up to this size, beyond it one shape after the other.
 LARGEST_PRODUCT = 50
@@ -72,7 +72,7 @@ class EffectSearch:
         self.which = which % len(chain.choices)
         self.place, self.choice = chain.places(data)[which], chain.choices[which]
         self.form = self.choice.form
-        self.smooth = self.form.smooth and not moves_a_jump(chain.choices, self.which)
+        self.smooth = not jumps(chain.choices, self.which)
         self.shapes = np.array(self.form.shapes, dtype=np.intp) + self.place.start
         size = chain.size(data)
         self.others = np.ones(size, dtype=bool)

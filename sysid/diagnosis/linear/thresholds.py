@@ -9,7 +9,7 @@ from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.levenberg import Minimum, minimise
 from sysid.diagnosis.linear.narrowing import Narrowing
 from sysid.diagnosis.linear.rows import Data
-from sysid.diagnosis.structures.thresholds import is_switched_by_input, middle_of_cell, moves_a_jump
+from sysid.diagnosis.structures.thresholds import is_switched_by_input, middle_of_cell
 
 
 def cells_around(chain: Chain, data: Data, minimum: Minimum, noise: Floats) -> Minimum:
@@ -32,8 +32,7 @@ def cells_around(chain: Chain, data: Data, minimum: Minimum, noise: Floats) -> M
         return minimise(chain, data, point, noise, free=free)
 
     for number, (place, choice) in enumerate(zip(places, chain.choices, strict=True)):
-        moves = moves_a_jump(chain.choices, number)
-        if not (moves or is_switched_by_input(choice)):
+        if not is_switched_by_input(chain.choices, number):
             continue
         before = Chain(chain.order, chain.choices[:number], chain.constant, chain.free_start)
         levels = np.unique(np.abs(before.mapped(data, minimum.point)))
@@ -42,6 +41,6 @@ def cells_around(chain: Chain, data: Data, minimum: Minimum, noise: Floats) -> M
         narrowing.walk(levels)
         point = narrowing.best.point.copy()
         point[shapes] = [middle_of_cell(levels, value) for value in point[shapes].tolist()]
-        middle = fit(point) if moves else None  # where it moves, what is behind it moves as much
+        middle = fit(point) if choice.form.smooth else None  # where it moves, what is behind it moves as much
         minimum = replace(narrowing.best, point=point) if middle is None else middle
     return minimum

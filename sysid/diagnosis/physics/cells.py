@@ -123,7 +123,7 @@ def threshold_errors(
 def _thresholds(problem: Problem) -> tuple[list[int], Floats]:
     """Return where the thresholds of a switch that is the first map of the input stand, and its levels."""
     first = next((i for i, choice in enumerate(problem.choices) if choice.effect.port == "input"), None)
-    if first is None or not is_switched_by_input(problem.choices[first]):
+    if first is None or not is_switched_by_input(problem.choices, first):
         return [], np.empty(0)
     u = problem.setting.record.u
     levels = np.unique(np.abs(np.concatenate([u[part, 0][problem.rows[part]] for part in problem.parts])))

@@ -9,6 +9,7 @@ from sysid.diagnosis.physics.problem import Problem
 from sysid.diagnosis.physics.steps import enough_steps
 from sysid.diagnosis.structures.plain_errors import UNSEEN
 from sysid.diagnosis.structures.profile import End, Profile
+from sysid.diagnosis.structures.thresholds import followed_smoothly
 from sysid.errors import UsageError
 
 # Of each search for where the other unknowns follow.
@@ -61,11 +62,7 @@ def profile_of(problem: Problem, point: Floats, J: Floats, errors: Floats) -> Pr
 
 def smooth(problem: Problem) -> Mask:
     """Tell which unknowns the output follows smoothly: all but the shapes of what jumps."""
-    found = np.ones(problem.size, dtype=bool)
-    for choice, place in zip(problem.choices, problem.effect_places, strict=True):
-        if not choice.form.smooth:
-            found[[place.start + i for i in choice.form.shapes]] = False
-    return found
+    return followed_smoothly(problem.choices, problem.effect_places, problem.size)
 
 
 def _inverse(J: Floats) -> Floats:

@@ -8,7 +8,7 @@ import numpy as np
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics.evaluation import finite
 from sysid.diagnosis.physics.problem import Problem
-from sysid.diagnosis.structures.thresholds import moves_a_jump
+from sysid.diagnosis.structures.thresholds import jumps
 from sysid.separable.descent import Minimum, Residual
 
 # Share of a strength's typical size at which its effect is measured; that of a dry friction is not linear
@@ -210,7 +210,7 @@ def _jumping(problem: Problem, effects: Sequence[int]) -> list[tuple[int, list[f
     found = []
     for i in effects:
         choice, place = problem.choices[i], problem.effect_places[i]
-        if not choice.form.smooth or moves_a_jump(problem.choices, i):
+        if jumps(problem.choices, i):
             grids = shape_values(problem, i)
             found += [(place.start + j, grid) for j, grid in zip(choice.form.shapes, grids, strict=True)]
     return [item for item in found if len(item[1]) > 1]

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.structures.structure import Choice
 from sysid.diagnosis.wording import NORMAL_95
@@ -14,9 +15,32 @@ MOST_CELLS = 24
 DEAD_ZONE, JUMP, RELAY = "in_deadzone", "in_preload", "in_relay"
 
 
-def is_switched_by_input(choice: Choice) -> bool:
-    """Tell whether an effect jumps at thresholds of the input."""
-    return choice.effect.port == "input" and not choice.form.smooth
+def jumps(choices: Sequence[Choice], which: int) -> bool:
+    """Tell whether the output follows the shapes of an effect by jumps: its own, or one that it moves."""
+    return not choices[which].form.smooth or moves_a_jump(choices, which)
+
+
+def is_switched_by_input(choices: Sequence[Choice], which: int) -> bool:
+    """Tell whether the shapes of an effect are thresholds of the input at which the output jumps."""
+    return choices[which].effect.port == "input" and jumps(choices, which)
+
+
+def followed_smoothly(choices: Sequence[Choice], places: Sequence[slice], size: int) -> Mask:
+    """Tell which unknowns the output follows smoothly: all but the shapes of what jumps.
+
+    Parameters
+    ----------
+    choices : sequence of Choice
+    places : sequence of slice
+        Where the parameters of each of them stand among the unknowns.
+    size : int
+        Number of unknowns.
+    """
+    found = np.ones(size, dtype=bool)
+    for which, place in enumerate(places):
+        if jumps(choices, which):
+            found[[place.start + shape for shape in choices[which].form.shapes]] = False
+    return found
 
 
 def moves_a_jump(choices: Sequence[Choice], which: int) -> bool:
