@@ -94,20 +94,19 @@ def uneven(record: Record, rows: Mask, residual: Floats, noise: Floats) -> Fores
     innovations cannot move.
     """
     used = rows & np.isfinite(record.y[:, 0])
-    inner = _within_experiments(record)[used]
-    innovations = filtered(residual, used, noise)[inner]
-    run = np.where(used, record.y[:, 0] - residual, 0.0)
-    used[used] = inner
-    if innovations.size < ROWS_PER_DIRECTION * LEVELS:
+    innovations, run = np.zeros(rows.size), np.where(used, record.y[:, 0] - residual, 0.0)
+    innovations[used] = filtered(residual, used, noise)
+    times = np.flatnonzero(used & _within_experiments(record))
+    if times.size < ROWS_PER_DIRECTION * LEVELS:
         return Foreseen(1.0, 0.0, of_size=True)
     drives = [record.u[:, 0], np.diff(record.u[:, 0], prepend=record.u[0, 0])]
-    signals = [np.roll(drive, lag) for drive in drives for lag in SIZE_LAGS]
-    signals += [np.gradient(run), np.gradient(np.gradient(run))]
-    sizes = [np.abs(signal - np.median(signal[used])) for signal in signals]
-    columns = np.column_stack([power for size in sizes for power in (size, size**2)])[used]
-    knots = np.unique(np.quantile(run[used], np.linspace(0.0, 1.0, LEVELS)))
-    levels = np.column_stack([np.interp(run[used], knots, hat) for hat in np.eye(knots.size)])
-    target = _normal_scores(np.abs(innovations))
+    signals = [drive[times - lag] for drive in drives for lag in SIZE_LAGS]
+    signals += [np.gradient(run)[times], np.gradient(np.gradient(run))[times]]
+    sizes = [np.abs(signal - np.median(signal)) for signal in signals]
+    columns = np.column_stack([power for size in sizes for power in (size, size**2)])
+    knots = np.unique(np.quantile(run[times], np.linspace(0.0, 1.0, LEVELS)))
+    levels = np.column_stack([np.interp(run[times], knots, hat) for hat in np.eye(knots.size)])
+    target = _normal_scores(np.abs(innovations[times]))
     found = remainder(target, levels, columns)
     return Foreseen(found.p_value, found.explained / max(float(target @ target), 1e-300), of_size=True)
 
