@@ -28,21 +28,23 @@ def units_of(record: Record) -> dict[str, str]:
     return {"u": u_unit, "y": y_unit, "x": y_unit, "v": y_unit, "F": u_unit}
 
 
-def named_parameters(record: Record, chain: Chain, data: Data, point: Floats) -> tuple[FittedParameter, ...]:
-    """Return the parameters of a point with their units, without standard errors."""
+def named_parameters(
+    record: Record, chain: Chain, data: Data, point: Floats, errors: Floats
+) -> tuple[FittedParameter, ...]:
+    """Return the parameters of a point with their units and standard errors."""
     units = units_of(record)
     gain = EffectParameter("b", "[y]/[u]", "").unit_with(units)
     names = [(f"a{i}", "") for i in range(1, chain.order + 1)]
     names += [(f"b{i}", gain) for i in range(1, chain.order + 1)]
     names += [("constant", units["y"])] * chain.constant
     found = [
-        FittedParameter(name, float(value), np.nan, unit)
-        for (name, unit), value in zip(names, point, strict=False)
+        FittedParameter(name, float(value), float(error), unit)
+        for (name, unit), value, error in zip(names, point, errors, strict=False)
     ]
     for choice, place in zip(chain.choices, chain.places(data), strict=True):
         found += [
-            FittedParameter(p.name, float(value), np.nan, p.unit_with(units), choice.name)
-            for p, value in zip(choice.form.parameters, point[place], strict=True)
+            FittedParameter(p.name, float(value), float(error), p.unit_with(units), choice.name)
+            for p, value, error in zip(choice.form.parameters, point[place], errors[place], strict=True)
         ]
     return tuple(found)
 

@@ -34,7 +34,7 @@ from sysid.diagnosis.linear.restarts import (
 from sysid.diagnosis.linear.rows import Data, data_of, for_search, on_record
 from sysid.diagnosis.linear.search import EffectSearch, Grid, agree, with_map_before
 from sysid.diagnosis.linear.starts import further_starts
-from sysid.diagnosis.linear.thresholds import cells_around
+from sysid.diagnosis.linear.thresholds import cells_around, with_errors_of_thresholds
 from sysid.diagnosis.structures.exercised import shows
 from sysid.diagnosis.structures.memory import Fits, Memory, key_of
 from sysid.diagnosis.structures.sides import with_forms_of
@@ -318,12 +318,8 @@ class LinearStructure:
                     errors, _ = standard_errors(chain, data, fit.point, weight, fit.cost, closely=True)
         if plain and noise.size > 1:
             errors *= widened_by_memory(chain, data, fit.point, noise)
-        own = [*range(2 * self.order + int(chain.constant)), *range(chain.n_linear(data), fit.point.size)]
-        parameters = tuple(
-            replace(parameter, std_error=float(error))
-            for parameter, error in zip(fit.parameters, errors[own], strict=True)
-        )
-        return replace(fit, parameters=parameters)
+        errors = with_errors_of_thresholds(chain, data, fit.point, noise, errors)
+        return replace(fit, parameters=named_parameters(self.record, chain, data, fit.point, errors))
 
     def _error(self, fit: StructureFit) -> float:
         """Return the mean square of the free-run error on the rows of a fit."""
@@ -384,7 +380,9 @@ class LinearStructure:
         return StructureFit(
             choices=chain.choices,
             point=minimum.point,
-            parameters=named_parameters(self.record, chain, data, minimum.point),
+            parameters=named_parameters(
+                self.record, chain, data, minimum.point, np.full(minimum.point.size, np.nan)
+            ),
             output=free_run(self.record, chain, data, rows, minimum.point),
             rows=rows,
             cost=minimum.cost,

@@ -1,4 +1,4 @@
-"""Thresholds of maps that jump, on rows that they were not searched on."""
+"""Thresholds of maps that jump: on rows that they were not searched on, and how well they are known."""
 
 from dataclasses import replace
 
@@ -9,7 +9,14 @@ from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.levenberg import Minimum, minimise
 from sysid.diagnosis.linear.narrowing import Narrowing
 from sysid.diagnosis.linear.rows import Data
-from sysid.diagnosis.structures.thresholds import is_switched_by_input, middle_of_cell
+from sysid.diagnosis.structures.plain_errors import UNSEEN
+from sysid.diagnosis.structures.thresholds import (
+    is_switched_by_input,
+    middle_of_cell,
+    threshold_errors,
+    threshold_places,
+    with_threshold_errors,
+)
 
 
 def cells_around(chain: Chain, data: Data, minimum: Minimum, noise: Floats) -> Minimum:
@@ -34,8 +41,7 @@ def cells_around(chain: Chain, data: Data, minimum: Minimum, noise: Floats) -> M
     for number, (place, choice) in enumerate(zip(places, chain.choices, strict=True)):
         if not is_switched_by_input(chain.choices, number):
             continue
-        before = Chain(chain.order, chain.choices[:number], chain.constant, chain.free_start)
-        levels = np.unique(np.abs(before.mapped(data, minimum.point)))
+        levels = _levels(chain, data, minimum.point, number)
         shapes = np.array(choice.form.shapes, dtype=np.intp) + place.start
         narrowing = Narrowing(minimum, shapes, [levels] * shapes.size, fit, lambda point: None)
         narrowing.walk(levels)
@@ -44,3 +50,49 @@ def cells_around(chain: Chain, data: Data, minimum: Minimum, noise: Floats) -> M
         middle = fit(point) if choice.form.smooth else None  # where it moves, what is behind it moves as much
         minimum = replace(narrowing.best, point=point) if middle is None else middle
     return minimum
+
+
+def with_errors_of_thresholds(
+    chain: Chain, data: Data, point: Floats, noise: Floats, errors: Floats
+) -> Floats:
+    """Return standard errors with those of the thresholds of the input.
+
+    Parameters
+    ----------
+    chain : Chain
+    data : Data
+    point : ndarray, shape (n_unknowns,)
+    noise : ndarray
+        D(q) of the noise, that of the residual also where the fit did not weigh by it.
+    errors : ndarray, shape (n_unknowns,)
+        With the thresholds held.
+    """
+    run = chain.run(data, point)
+    if run is None:
+        return errors
+    J, free = chain.slopes(data, point, run, noise).T, chain.smooth(data)
+
+    def cost(other: Floats) -> float:
+        there = chain.run(data, other)
+        if there is None:
+            return np.inf
+        tangent = chain.slopes(data, other, there, noise, free).T
+        scale = np.linalg.norm(tangent, axis=0)
+        tangent = tangent[:, scale > 0.0] / scale[scale > 0.0]
+        error = chain.error(data, there, noise)
+        left = error - tangent @ np.linalg.lstsq(tangent, error, rcond=UNSEEN)[0]
+        return float(left @ left)
+
+    found = []
+    for number, (place, choice) in enumerate(zip(chain.places(data), chain.choices, strict=True)):
+        if is_switched_by_input(chain.choices, number):
+            own = threshold_places(choice, place)
+            levels = _levels(chain, data, point, number)
+            found += threshold_errors(own, levels, point, cost, J.shape[0] - point.size)
+    return with_threshold_errors(errors, J, free, found)
+
+
+def _levels(chain: Chain, data: Data, point: Floats, number: int) -> Floats:
+    """Return the sizes of what a map of the input is given, in rising order."""
+    before = Chain(chain.order, chain.choices[:number], chain.constant, chain.free_start)
+    return np.unique(np.abs(before.mapped(data, point)))

@@ -7,13 +7,22 @@ import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics.evaluation import finite
-from sysid.diagnosis.physics.laws import LEVEL
+from sysid.diagnosis.physics.laws import has_level
 from sysid.diagnosis.physics.problem import Problem
-from sysid.diagnosis.physics.search import Tangent, in_lanes
+from sysid.diagnosis.physics.search import Tangent
 from sysid.diagnosis.structures.cells import Cells, cells_of, inside_cells, place_of_quantiser
 from sysid.diagnosis.structures.structure import WHITE
-from sysid.diagnosis.structures.thresholds import is_switched_by_input, middle_of_cell, threshold_error
+from sysid.diagnosis.structures.thresholds import (
+    followed_smoothly,
+    is_switched_by_input,
+    middle_of_cell,
+    threshold_errors,
+    threshold_places,
+)
 from sysid.separable.descent import Minimum, Residual
+
+# Of the search for what follows a threshold to the middle of its cell, and by what share the cost may differ.
+EVALUATIONS, TOLERANCE, ROUNDING = 10, 1e-12, 1e-9
 
 
 def read_cells(problem: Problem, point: Floats) -> tuple[Cells, int] | None:
@@ -64,7 +73,7 @@ def within_cells(problem: Problem, end: Minimum[Residual]) -> Minimum[Residual]:
 
 
 def with_thresholds_between(problem: Problem, end: Minimum[Residual]) -> Minimum[Residual]:
-    """Return a minimum with the threshold of a switch in the middle of its cell, where nothing changes.
+    """Return a minimum with the thresholds of a switch in the middle of their cells, where it is as good.
 
     Only where the switch is the first map of the input, so that what it is given is the record's.
     """
@@ -74,16 +83,20 @@ def with_thresholds_between(problem: Problem, end: Minimum[Residual]) -> Minimum
     x = end.x.copy()
     for place in places:
         x[place] = middle_of_cell(levels, float(x[place]))
-    moved = problem.residual(x)
-    return replace(end, x=x) if np.array_equal(moved, problem.residual(end.x)) else end
+    if np.array_equal(problem.residual(x), problem.residual(end.x)):
+        return replace(end, x=x)
+    others = Problem(
+        problem.setting, problem.choices, problem.rows, problem.noise, problem.largest, budget=problem.budget
+    )
+    others.held = ~followed_smoothly(problem.choices, problem.effect_places, problem.size)
+    moved = others.descend_if_finite(x, EVALUATIONS, TOLERANCE)
+    return end if moved is None or moved.cost > end.cost * (1.0 + ROUNDING) else moved
 
 
-def threshold_errors(
+def errors_of_thresholds(
     problem: Problem, point: Floats, runs: Sequence[slice], left: Floats
 ) -> list[tuple[int, float]]:
     """Return where the thresholds of a switch stand and their standard errors.
-
-    Slopes say nothing of them: the output changes only where the switch turns at another row.
 
     Parameters
     ----------
@@ -97,27 +110,15 @@ def threshold_errors(
     places, levels = _thresholds(problem)
     if not places:
         return []
-    tangent = Tangent(problem, point)
 
-    def costs(points: Floats) -> Floats:
-        errors = tangent.outside(in_lanes(problem, points))
-        driving = np.array(
-            [np.concatenate([np.convolve(left, row[run])[: row[run].size] for run in runs]) for row in errors]
-        )
-        return np.asarray(np.nan_to_num(np.einsum("ij,ij->i", driving, driving), nan=np.inf))
+    def cost(other: Floats) -> float:
+        with np.errstate(all="ignore"):
+            error = Tangent(problem, other).outside(problem.residual(other))
+        driving = np.concatenate([np.convolve(left, error[run])[: error[run].size] for run in runs])
+        size = float(driving @ driving)
+        return size if np.isfinite(size) else np.inf
 
-    best = float(costs(point[np.newaxis])[0])
-    variance = max(best / max(problem.target.size - problem.size, 1), 1e-300)
-    found = []
-    for place in places:
-
-        def rises(values: Floats, place: int = place) -> Floats:
-            points = np.tile(point, (values.size, 1))
-            points[:, place] = values
-            return (costs(points) - best) / variance
-
-        found.append((place, threshold_error(levels, float(point[place]), rises)))
-    return found
+    return threshold_errors(places, levels, point, cost, problem.target.size - problem.size)
 
 
 def _thresholds(problem: Problem) -> tuple[list[int], Floats]:
@@ -127,6 +128,6 @@ def _thresholds(problem: Problem) -> tuple[list[int], Floats]:
         return [], np.empty(0)
     u = problem.setting.record.u
     levels = np.unique(np.abs(np.concatenate([u[part, 0][problem.rows[part]] for part in problem.parts])))
-    parameters, start = problem.choices[first].form.parameters, problem.effect_places[first].start
-    inputs = [p.unit == "[u]" and not p.is_strength and p.name != LEVEL for p in parameters]
-    return [start + i for i in np.flatnonzero(inputs).tolist()], levels
+    choice, place = problem.choices[first], problem.effect_places[first]
+    level = [place.stop - 1] if has_level(choice) else []
+    return [i for i in threshold_places(choice, place) if i not in level], levels

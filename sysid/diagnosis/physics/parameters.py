@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.physics.cells import read_cells, threshold_errors
+from sysid.diagnosis.physics.cells import errors_of_thresholds, read_cells
 from sysid.diagnosis.physics.evaluation import finite
 from sysid.diagnosis.physics.laws import has_level, is_switch_without_level, with_level
 from sysid.diagnosis.physics.problem import Problem
 from sysid.diagnosis.physics.profile import profile_of, smooth
 from sysid.diagnosis.structures.plain_errors import LOOSE, UNSEEN, plain_errors
 from sysid.diagnosis.structures.structure import WHITE, Choice, FittedParameter
+from sysid.diagnosis.structures.thresholds import with_threshold_errors
 
 # Of the steps of a search's slopes: so far to each side of a minimum the mean slope is taken.
 WIDER = 100.0
@@ -54,7 +55,8 @@ def standard_errors(
     -------
     ndarray, shape (n_unknowns,)
     """
-    J = slopes_of_both_sides(problem, point)
+    slopes, free = slopes_of_both_sides(problem, point), smooth(problem)
+    J = np.where(free, slopes, 0.0)
     relative = _relative_to_a_level(problem, point)
     J[:, relative & _levels(problem)] = 0.0  # beside it the others would seem known to rounding
     edges = problem.run_edges.tolist()
@@ -69,11 +71,9 @@ def standard_errors(
         errors[place] = cells.step_error
     errors[relative] = np.inf
     if closely and read is None:
-        followed = profile_of(problem, point, J, errors).standard_errors(smooth(problem))
+        followed = profile_of(problem, point, J, errors).standard_errors(free)
         errors = np.where(np.isfinite(errors), followed, errors)
-    for place, error in threshold_errors(problem, point, runs, left):
-        errors[place] = error
-    return np.asarray(errors)
+    return with_threshold_errors(errors, slopes, free, errors_of_thresholds(problem, point, runs, left))
 
 
 def slopes_of_both_sides(problem: Problem, point: Floats) -> Floats:
