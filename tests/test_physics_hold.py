@@ -7,11 +7,13 @@ from scipy import signal
 from scipy.interpolate import CubicSpline
 
 from sysid.data import make_record
+from sysid.diagnosis import ports
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.models.resolution import fit_model, resolve_model
 from sysid.diagnosis.physics.structure import PhysicsStructure
 from sysid.diagnosis.ports import explore_ports
+from sysid.diagnosis.shortfall import curves_at_ports
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort
 from sysid.errors import UsageError
 from sysid.physics import fit_physics, load_model, refit_physics
@@ -166,6 +168,18 @@ def test_curves_at_ports_use_the_smooth_input():
     for curve in explore_ports(record, fit):
         # Nothing is missing: what remains is noise, and what the spline leaves out.
         assert curve.explains_at_most < 0.35, curve.sentence
+
+
+def test_curves_at_ports_stand_on_the_model_that_was_diagnosed(monkeypatch):
+    record, found = smooth_record(900, noise=0.01), []
+    structure = PhysicsStructure(record, STIFF, "rest")
+    baseline = structure.baseline(record.estimation)
+    monkeypatch.setattr(ports, "explore_ports", lambda record, fit, ports: found.append(fit))
+    curves_at_ports(structure, baseline)
+    (fit,) = found
+    assert fit.hold == structure.plant.hold == "smooth"
+    assert fit.values == pytest.approx(RINGING, rel=0.05)
+    assert fit.status.endswith("refitted from one start")
 
 
 def test_no_mode_above_half_the_sampling_rate_unless_asked_for():

@@ -183,14 +183,14 @@ def _against_curves(
     from sysid.diagnosis.shortfall import curves_at_ports, each_counts, is_doubtful, outdone, resembled
 
     if decision.verdict == "missing-effect" and is_doubtful(decision) and not smooth:
-        curves = curves_at_ports(structure)
+        curves = curves_at_ports(structure, decision.baseline)
         better = resembled(structure.record, decision, curves)
         if better is not None:
             return replace(_with_nothing_found(decision), resembled_at=better.port), curves
         return decision, None
     if decision.verdict != "unexplained" or len(decision.fits) == len(decision.given):
         return decision, None
-    curves = curves_at_ports(structure)
+    curves = curves_at_ports(structure, decision.baseline)
     if not outdone(structure.record, decision, curves):
         if curves and each_counts(structure.record, decision):
             decision = with_a_detail_left(decision)

@@ -89,7 +89,7 @@ class Outcome:
             return self.curves
         # The rows of the search say all that a curve shows, in a fraction of the time of all rows.
         structure = self.structure if self.searched is None else self.searched
-        return curves_at_ports(structure) if self.verdict == "unexplained" else ()
+        return curves_at_ports(structure, self.decision.baseline) if self.verdict == "unexplained" else ()
 
     @cached_property
     def views(self) -> "tuple[EffectView, ...]":
@@ -100,7 +100,7 @@ class Outcome:
         if len(self.final.fitted.choices) > 1:
             return views
         structure = self.structure if self.searched is None else self.searched
-        return tuple(with_free_curve(view, structure) for view in views)
+        return tuple(with_free_curve(view, structure, self.decision.baseline) for view in views)
 
     def ranked(self) -> list[dict[str, Any]]:
         """Return the single candidates, best first, as the JSON file has them."""

@@ -13,7 +13,7 @@ from sysid.diagnosis.decide.residual_evidence import SEEN_P_VALUE
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.ports.plants import PORTS
 from sysid.diagnosis.structures.pointwise import MEMORY, TIMED
-from sysid.diagnosis.structures.structure import Choice, Structure
+from sysid.diagnosis.structures.structure import Choice, Structure, StructureFit
 from sysid.errors import SysidError
 from sysid.physics.expressions import symbols
 from sysid.physics.grammar import parse
@@ -150,7 +150,9 @@ def _left(curve: "PortCurve", before: float) -> float:
     return (1.0 - curve.explains_at_most) * before if curve.left is None else curve.left
 
 
-def curves_at_ports(structure: Structure, ports: Sequence[str] = PORTS) -> "tuple[PortCurve, ...]":
+def curves_at_ports(
+    structure: Structure, baseline: StructureFit, ports: Sequence[str] = PORTS
+) -> "tuple[PortCurve, ...]":
     """Fit a free-form curve at ports of the model without effects, what explains most first.
 
     Models whose ports cannot be opened have none.
@@ -159,6 +161,8 @@ def curves_at_ports(structure: Structure, ports: Sequence[str] = PORTS) -> "tupl
     ----------
     structure : Structure
         Of a linear or physical model.
+    baseline : StructureFit
+        The model without effects.
     ports : sequence of {"input", "output", "position", "velocity"}
 
     Returns
@@ -171,10 +175,11 @@ def curves_at_ports(structure: Structure, ports: Sequence[str] = PORTS) -> "tupl
     record = structure.record
     try:
         if isinstance(structure, PhysicsStructure):
-            from sysid.physics import fit_physics
+            from sysid.physics.fit import fit_physics_near
 
             start = "estimate" if structure.free_start else "rest"
-            physical = fit_physics(record, structure.model, initial_state=start)
+            values, hold = structure.values(baseline), structure.plant.hold
+            physical = fit_physics_near(record, structure.model, values, initial_state=start, hold=hold)
             return explore_ports(record, physical, ports=ports)
         from sysid.diagnosis.linear.structure import LinearStructure
         from sysid.linear import fit_output_error

@@ -10,6 +10,7 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask, check_record
 from sysid.errors import IdentifiabilityError, ModelError, UsageError
+from sysid.linear.forms import Floats
 from sysid.physics.fitted import PhysicsFit, output_weights
 from sysid.physics.hold import HOLDS
 from sysid.physics.joint import (
@@ -139,17 +140,53 @@ def refit_physics(
     ModelError
         If the model diverges on these rows.
     """
-    from threadpoolctl import threadpool_limits
-
     segments = segments_of(record, rows)
     free_start, hold = fit.initial_state == "estimate", fit.hold if hold is None else hold
     problem = Problem(fit.model, segments, record.period, free_start, hold=hold, weights=output_weights(fit))
+    near = fit.states if free_start and fit.states.shape[0] == len(segments) else None
+    return _from_one_start(problem, fit.values, near, record)
+
+
+def fit_physics_near(
+    record: Record, model: Model, values: Mapping[str, float], *, initial_state: str, hold: str
+) -> PhysicsFit:
+    """Fit a model of one output from values at which a search has ended, the only start.
+
+    Parameters
+    ----------
+    record : Record
+    model : Model
+    values : mapping of str to float
+        Of all its parameters.
+    initial_state : {"estimate", "rest"}
+    hold : {"zero", "smooth"}
+        What the input does between samples.
+
+    Returns
+    -------
+    PhysicsFit
+
+    Raises
+    ------
+    ModelError
+        If the model diverges.
+    """
+    problem = Problem(model, segments_of(record, None), record.period, initial_state == "estimate", hold=hold)
+    return _from_one_start(problem, values, None, record)
+
+
+def _from_one_start(
+    problem: Problem, values: Mapping[str, float], near: Floats | None, record: Record
+) -> PhysicsFit:
+    from threadpoolctl import threadpool_limits
+
     _check_enough(problem)
     with threadpool_limits(1):
-        near = fit.states if free_start and fit.states.shape[0] == len(segments) else None
-        point = problem.point(problem.coordinates(fit.values), near)
+        point = problem.point(problem.coordinates(values), near)
         if point is None:
-            raise ModelError(f"model {fit.model.name!r} diverges on the rows of the refit: try another start")
+            raise ModelError(
+                f"model {problem.model.name!r} diverges on the rows of the refit: try another start"
+            )
         return _finished(
             problem, descend(problem, point, EVALUATIONS), record, True, "refitted from one start"
         )

@@ -6,10 +6,10 @@ import numpy as np
 
 from sysid.diagnosis.effect_views.view import PER_SAMPLE, EffectView, FreeCurve
 from sysid.diagnosis.shortfall import curves_at_ports
-from sysid.diagnosis.structures.structure import Structure
+from sysid.diagnosis.structures.structure import Structure, StructureFit
 
 
-def with_free_curve(view: EffectView, structure: Structure) -> EffectView:
+def with_free_curve(view: EffectView, structure: Structure, baseline: StructureFit) -> EffectView:
     """Return the view of the only effect of a model with what the data say of its law without knowing it.
 
     A straight line in a curve of free form cannot be told from the model's own gain, stiffness or damping,
@@ -19,9 +19,10 @@ def with_free_curve(view: EffectView, structure: Structure) -> EffectView:
     ----------
     view : EffectView
     structure : Structure
+    baseline : StructureFit
         The model without the effect.
     """
-    curves = curves_at_ports(structure, [view.port]) if view.port else ()
+    curves = curves_at_ports(structure, baseline, [view.port]) if view.port else ()
     if not curves or not curves[0].value.size:
         return view
     (curve,) = curves

@@ -377,10 +377,15 @@ class PhysicsStructure:
         """Return the free run from rest for an input, and its derivative by all parameters."""
         return response(self.setting, fit, u)
 
+    def values(self, fit: StructureFit) -> dict[str, float]:
+        """Return all parameters of the model, by their names."""
+        return dict(zip(self.setting.plant.names, self.setting.values_of(fit.point).tolist(), strict=True))
+
     def poles(self, fit: StructureFit) -> Complexes:
         """Return the poles [1/s] of the model without effects, linearised at rest."""
-        values = dict(zip(self.setting.plant.names, self.setting.values_of(fit.point).tolist(), strict=True))
-        return linearised_poles(self.model, values, self.setting.rest, np.zeros(len(self.model.inputs)))
+        return linearised_poles(
+            self.model, self.values(fit), self.setting.rest, np.zeros(len(self.model.inputs))
+        )
 
     def equation(self, fit: StructureFit) -> str:
         """Return the model's equation with its effects, for a reader."""
