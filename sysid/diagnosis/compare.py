@@ -10,8 +10,9 @@ import numpy as np
 from sysid.data import Record
 from sysid.diagnosis.compared import Comparison
 from sysid.diagnosis.comparison.judge import FITTING_SHARE, check_output, judge
-from sysid.diagnosis.models.fitted_model import LINEAR, FittedModel, Known
+from sysid.diagnosis.models.fitted_model import LINEAR, Known
 from sysid.diagnosis.models.resolution import fit_model, resolve_model
+from sysid.diagnosis.models.unit_check import in_units_of_model
 from sysid.errors import UsageError
 from sysid.progress import Callback, part_of
 
@@ -104,7 +105,7 @@ def compare(
         initial_state=initial_state,
         progress=part_of(progress, 0, FITTING_SHARE),
     )
-    return Comparison.of(judge(_in_its_units(record, fitted), fitted, ports=ports, progress=progress))
+    return Comparison.of(judge(in_units_of_model(record, fitted), fitted, ports=ports, progress=progress))
 
 
 def compare_outputs(
@@ -151,7 +152,7 @@ def compare_outputs(
         return tuple(
             Comparison.of(
                 judge(
-                    _in_its_units(one, fitted),
+                    in_units_of_model(one, fitted),
                     fitted,
                     ports=ports,
                     progress=part_of(progress, 50 + 50 * i // count, 50 + 50 * (i + 1) // count),
@@ -173,14 +174,6 @@ def compare_outputs(
         )
         for i, one in enumerate(each)
     )
-
-
-def _in_its_units(record: Record, fitted: FittedModel) -> Record:
-    """Return the record, columns without a unit in that of a physical model."""
-    from sysid.diagnosis.models.adapters import PhysicalModel
-    from sysid.diagnosis.models.unit_check import in_units_of_model
-
-    return in_units_of_model(record, fitted.plant.model) if isinstance(fitted, PhysicalModel) else record
 
 
 def _whole(name: str, value: int | None) -> int | None:

@@ -17,6 +17,7 @@ from sysid.diagnosis.effects.base import Effect
 from sysid.diagnosis.effects.catalogue import find_effects
 from sysid.diagnosis.ladder import Rung, climb
 from sysid.diagnosis.long_records import LONGEST, Portable, carried, rows_for_one, shortened, thinned
+from sysid.diagnosis.models.unit_check import in_units_of_model
 from sysid.diagnosis.structures.structure import WHITE, Effort, Structure, StructureFit
 from sysid.errors import UsageError
 from sysid.progress import progress as bars_of
@@ -159,7 +160,7 @@ def diagnose(
     advice = advise(structure, decision, accepted)
     seconds, searched = time.perf_counter() - begun, structure if long else None
     return Diagnosis(
-        _in_its_units(record, whole),
+        in_units_of_model(record, whole),
         whole,
         decision,
         accepted,
@@ -255,14 +256,6 @@ def structure_of(
     loaded = model if isinstance(model, Model) else load_model(model)
     read, units = in_units_of(record, loaded.with_parameters(start, fixed))
     return PhysicsStructure(record, read, initial_state, units)
-
-
-def _in_its_units(record: Record, structure: Structure) -> Record:
-    """Return the record, columns without a unit in that of a physical model."""
-    from sysid.diagnosis.models.unit_check import in_units_of_model
-    from sysid.diagnosis.physics.structure import PhysicsStructure
-
-    return in_units_of_model(record, structure.model) if isinstance(structure, PhysicsStructure) else record
 
 
 def taken_up(

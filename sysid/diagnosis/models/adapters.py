@@ -15,7 +15,7 @@ from sysid.result_files import finite
 if TYPE_CHECKING:
     from sysid.linear.selection import Candidate, Choice
     from sysid.linear.simulation import Prediction
-    from sysid.physics import PhysicsFit
+    from sysid.physics import Model, PhysicsFit
 
 
 @dataclass(frozen=True)
@@ -286,6 +286,11 @@ class PhysicalModel(Refitted):
     def plant(self) -> "PhysicsFit":
         """The fit as the plant of the output that is judged."""
         return self.fit
+
+    @property
+    def model(self) -> "Model":
+        """The physical model of the output that is judged."""
+        return self.plant.model
 
 
 @dataclass(frozen=True)

@@ -113,19 +113,22 @@ def in_units_of(record: Record, model: Model) -> tuple[Model, str]:
     return _converted(model, found[:1]) if sure else model, _as_guessed(found, sure, trial)
 
 
-def in_units_of_model(record: Record, model: Model) -> Record:
+def in_units_of_model(record: Record, fitted: object) -> Record:
     """Return the record with columns that have no unit in the model's, as its parameters are.
 
     Parameters
     ----------
     record : Record
-    model : Model
-        As it was fitted: that of `in_units_of`.
+    fitted : object
+        What has the physical model as it was fitted, that of `in_units_of`; other models leave all as it is.
 
     Returns
     -------
     Record
     """
+    model = getattr(fitted, "model", None)
+    if not isinstance(model, Model):
+        return record
     sides = ((record.inputs, model.inputs), (record.outputs, model.outputs))
     return record.with_units(
         {columns[0]: ports[0].unit for columns, ports in sides if len(columns) == len(ports) == 1}
