@@ -1,11 +1,14 @@
 """Two effects at one port: which of them acts first is asked of the record."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from sysid.data import Record, make_record
+from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
+from sysid.diagnosis.decide.paths import begun_elsewhere
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.decide.revision import freed, reordered
 from sysid.diagnosis.diagnose import diagnose
@@ -194,3 +197,13 @@ def test_thresholds_are_searched_again_beside_a_second_effect() -> None:
     found = freed(evidence, wrong, 0)
     assert found.parameters_of("in_relay")[0].value == pytest.approx(0.3, abs=0.01)
     assert found.cost < 0.5 * wrong.cost
+
+
+@pytest.mark.parametrize(("fall", "moves"), [(1e-9, False), (1e-3, True)])
+def test_a_path_begins_elsewhere_only_where_that_is_better_by_more_than_rounding(monkeypatch, fall, moves):
+    choices = tuple(Choice(e, e.forms[0]) for e in find_effects(["in_saturation", "feedthrough"]))
+    fit, other = (SimpleNamespace(choices=choices, usable=True, worth=worth) for worth in (0.0, -fall))
+    structure = SimpleNamespace(fit=lambda *given, **further: other)
+    monkeypatch.setattr(Evidence, "criterion", lambda self, fit, noise: fit.worth)
+    evidence = Evidence(structure, np.ones(3, dtype=bool), np.zeros(3, dtype=bool), 0.01)
+    assert (begun_elsewhere(evidence, fit, WHITE_NOISE) is other) == moves

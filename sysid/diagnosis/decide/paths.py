@@ -28,6 +28,5 @@ def begun_elsewhere(evidence: Evidence, fit: StructureFit, noise: Noise, n_given
             choices = list(fit.choices)
             choices[place] = replace(choice, form=form)
             other = evidence.structure.fit(choices, evidence.rows, noise.polynomial, fit, effort=Effort.REFIT)
-            better = other.usable and evidence.criterion(other, noise) < evidence.criterion(fit, noise)
-            fit = other if better else fit
+            fit = evidence.better_of(fit, [other], noise)
     return fit

@@ -1,5 +1,6 @@
 """What the residuals of one record say: errors, criteria, the colour of the noise, what is left."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -32,6 +33,8 @@ INTERLEAVED = 30
 MOST_MOVES = 0.5
 # How often a fit and the colour of its own residual are brought to agree.
 ROUNDS = 3
+# A better model lowers the criterion by more than the rounding of a search that ends at the same place.
+SAME_CRITERION = 1e-6
 
 
 @runtime_checkable
@@ -265,6 +268,12 @@ class Evidence:
         """Return the information criterion of a fit under a given colour of the noise."""
         n = int(self.rows.sum())
         return float(n * np.log(max(self.cost(fit, noise) / n, 1e-300)) + fit.n_parameters * np.log(n))
+
+    def better_of(self, fit: StructureFit, others: Sequence[StructureFit], noise: Noise) -> StructureFit:
+        """Return the best of some fits, or a given one where none is better."""
+        usable = [other for other in others if other.usable]
+        best = min(usable, key=lambda other: self.criterion(other, noise), default=fit)
+        return best if self.criterion(best, noise) < self.criterion(fit, noise) - SAME_CRITERION else fit
 
     def own_criterion(self, fit: StructureFit) -> float:
         """Return the information criterion of a fit with the noise model of its own residual."""

@@ -10,7 +10,7 @@ from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.evidence import told_apart
 from sysid.diagnosis.decide.noise_colour import Noise
 from sysid.diagnosis.decide.paths import begun_elsewhere
-from sysid.diagnosis.decide.residual_evidence import Evidence
+from sysid.diagnosis.decide.residual_evidence import SAME_CRITERION, Evidence
 from sysid.diagnosis.decide.trials import Trials
 from sysid.diagnosis.effects.base import Effect
 from sysid.diagnosis.effects.input_maps import SWITCHES
@@ -22,8 +22,6 @@ from sysid.diagnosis.structures.thresholds import is_switched_by_input
 EXCHANGED = 6
 # How many of these are also tried before the effects that were found later.
 LEADING = 3
-# An exchange must lower the criterion by more than the rounding of a search that ends at the same place.
-SAME_CRITERION = 1e-6
 # Ports at which one effect is given what the one before it makes.
 MAPS = ("input", "output")
 
@@ -44,13 +42,11 @@ def exchanged(trials: Trials, fit: StructureFit, n_given: int) -> StructureFit:
             statistics = trials.screen(without, options, noise).statistics
             options.sort(key=lambda effect: -statistics[effect.name])
             found = trials.ranked(without, options[:EXCHANGED], noise)
-        limit = evidence.criterion(fit, noise) - SAME_CRITERION
-        best = _in_place(evidence, found, noise, position)
-        best = best if best is not None and evidence.criterion(best, noise) < limit else None
-        fit = fit if best is None else best
+        best = evidence.better_of(fit, _in_place(evidence, found, position), noise)
         # What comes to stand in its place was chosen beside the one that is gone: it is next.
-        if best is None or not trials.allowance.permits(THIRD):
+        if best is fit or not trials.allowance.permits(THIRD):
             position += 1
+        fit = best
     return fit
 
 
@@ -79,14 +75,14 @@ def _of_one_kind(effect: Effect, other: Effect) -> bool:
     return effect.name in SWITCHES and other.name in SWITCHES
 
 
-def _in_place(evidence: Evidence, found: Sequence[Trial], noise: Noise, position: int) -> StructureFit | None:
-    """Return the best of some trials, the leading ones also before the effects that were found later.
+def _in_place(evidence: Evidence, found: Sequence[Trial], position: int) -> list[StructureFit]:
+    """Return the leading ones of some trials, also before the effects that were found later.
 
     What takes the place of an effect at one port with these may have to stand where that one stood.
     """
     leading = [trial.fit for trial in found[:LEADING] if trial.fit is not None]
     moved = [reordered(evidence, fit, position) for fit in leading]
-    return min((*moved, *leading), key=lambda fit: evidence.criterion(fit, noise), default=None)
+    return [*moved, *leading]
 
 
 def freed(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:
@@ -163,7 +159,7 @@ def _searched_beside(evidence: Evidence, fit: StructureFit, choice: Choice) -> S
     if not without.usable:
         return fit
     found = structure.fit(fit.choices, rows, noise.polynomial, without, effort=Effort.COARSE)
-    return _better_of(evidence, fit, [found], noise)
+    return evidence.better_of(fit, [found], noise)
 
 
 def _better_from(
@@ -174,16 +170,7 @@ def _better_from(
     found = [
         evidence.structure.fit(choices, rows, noise.polynomial, fit, effort=effort) for effort in efforts
     ]
-    return _better_of(evidence, fit, found, noise)
-
-
-def _better_of(
-    evidence: Evidence, fit: StructureFit, found: Sequence[StructureFit], noise: Noise
-) -> StructureFit:
-    """Return the best of some fits, or a given one where none is better."""
-    best = min(found, key=lambda other: evidence.criterion(other, noise) if other.usable else np.inf)
-    limit = evidence.criterion(fit, noise) - SAME_CRITERION
-    return best if best.usable and evidence.criterion(best, noise) < limit else fit
+    return evidence.better_of(fit, found, noise)
 
 
 def simplified(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit:
