@@ -6,17 +6,7 @@ from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.levenberg import Minimum
 from sysid.diagnosis.linear.rows import Data
-from sysid.diagnosis.structures.cells import Cells, cells_of, inside_cells, place_of_quantiser
-
-
-def read_cells(chain: Chain, data: Data, point: Floats) -> tuple[Cells, int] | None:
-    """Return what the readings say, and where the step stands, if a quantiser is the last of the sensor."""
-    quantiser = place_of_quantiser(chain.choices)
-    if quantiser is None:
-        return None
-    place = chain.places(data)[quantiser].start
-    cells = cells_of(data.y[data.used], float(point[place]))
-    return None if cells is None else (cells, place)
+from sysid.diagnosis.structures.cells import inside_cells, read_cells
 
 
 def within_cells(chain: Chain, data: Data, minimum: Minimum, noise: Floats) -> Minimum:
@@ -36,7 +26,7 @@ def within_cells(chain: Chain, data: Data, minimum: Minimum, noise: Floats) -> M
     Minimum
         The same where there is no quantiser, or noise hides its steps.
     """
-    read = read_cells(chain, data, minimum.point)
+    read = read_cells(chain.choices, chain.places(data), minimum.point, data.y[data.used])
     if read is None:
         return minimum
     (cells, place), bounds = read, chain.bounds(data)

@@ -8,12 +8,12 @@ import numpy as np
 from sysid.data import Record
 from sysid.data.record import Mask
 from sysid.diagnosis.effects.base import Effect, EffectParameter, Floats
-from sysid.diagnosis.linear.cells import read_cells
 from sysid.diagnosis.linear.chain import Chain
 from sysid.diagnosis.linear.levenberg import Minimum
 from sysid.diagnosis.linear.modes import errors_over_minima
 from sysid.diagnosis.linear.profile import MOST_ROWS, profile_of
 from sysid.diagnosis.linear.rows import Data
+from sysid.diagnosis.structures.cells import read_cells
 from sysid.diagnosis.structures.equation_words import Signals, effect_line
 from sysid.diagnosis.structures.plain_errors import plain_errors
 from sysid.diagnosis.structures.structure import WHITE, FittedParameter
@@ -78,7 +78,7 @@ def standard_errors(
         return errors, None
     J = chain.slopes(data, point, run, noise).T
     scale = np.linalg.norm(J, axis=0)
-    read = read_cells(chain, data, point)
+    read = read_cells(chain.choices, chain.places(data), point, data.y[data.used])
     # A threshold moves within its cell without any change, or with what a jump behind it is then given.
     used = (scale > 0.0) & (chain.smooth(data) | (read is not None))
     R = np.linalg.qr(J[:, used] / scale[used], mode="r")

@@ -10,7 +10,7 @@ from sysid.diagnosis.physics.evaluation import finite
 from sysid.diagnosis.physics.laws import has_level
 from sysid.diagnosis.physics.problem import Problem
 from sysid.diagnosis.physics.search import Tangent
-from sysid.diagnosis.structures.cells import Cells, cells_of, inside_cells, place_of_quantiser
+from sysid.diagnosis.structures.cells import inside_cells, read_cells
 from sysid.diagnosis.structures.structure import WHITE
 from sysid.diagnosis.structures.thresholds import (
     followed_smoothly,
@@ -23,16 +23,6 @@ from sysid.separable.descent import Minimum, Residual
 
 # Of the search for what follows a threshold to the middle of its cell, and by what share the cost may differ.
 EVALUATIONS, TOLERANCE, ROUNDING = 10, 1e-12, 1e-9
-
-
-def read_cells(problem: Problem, point: Floats) -> tuple[Cells, int] | None:
-    """Return what the readings say, and where the step stands, if a quantiser is the last of the sensor."""
-    quantiser = place_of_quantiser(problem.choices)
-    if quantiser is None:
-        return None
-    place = problem.effect_places[quantiser].start
-    cells = cells_of(problem.setting.record.y[problem.rows, 0], float(point[place]))
-    return None if cells is None else (cells, place)
 
 
 def within_cells(problem: Problem, end: Minimum[Residual]) -> Minimum[Residual]:
@@ -49,7 +39,9 @@ def within_cells(problem: Problem, end: Minimum[Residual]) -> Minimum[Residual]:
     Minimum
         The same where there is no quantiser, or noise hides its steps.
     """
-    read = read_cells(problem, end.x)
+    read = read_cells(
+        problem.choices, problem.effect_places, end.x, problem.setting.record.y[problem.rows, 0]
+    )
     if read is None:
         return end
     cells, place = read

@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.diagnosis.effects.base import Floats
-from sysid.diagnosis.physics.cells import errors_of_thresholds, read_cells
+from sysid.diagnosis.physics.cells import errors_of_thresholds
 from sysid.diagnosis.physics.evaluation import finite
 from sysid.diagnosis.physics.laws import has_level, is_switch_without_level, with_level
 from sysid.diagnosis.physics.problem import Problem
 from sysid.diagnosis.physics.profile import profile_of, smooth
+from sysid.diagnosis.structures.cells import read_cells
 from sysid.diagnosis.structures.plain_errors import LOOSE, UNSEEN, plain_errors
 from sysid.diagnosis.structures.structure import WHITE, Choice, FittedParameter
 from sysid.diagnosis.structures.thresholds import with_threshold_errors
@@ -63,7 +64,9 @@ def standard_errors(
     runs = [slice(first, end) for first, end in itertools.pairwise(edges)]
     residual = problem.residual(point)
     errors = plain_errors(J, residual, runs, left)
-    read = read_cells(problem, point)
+    read = read_cells(
+        problem.choices, problem.effect_places, point, problem.setting.record.y[problem.rows, 0]
+    )
     if read is not None:
         cells, place = read
         spread = np.linalg.norm(residual) / np.sqrt(max(residual.size - problem.size, 1))

@@ -156,6 +156,28 @@ def place_of_quantiser(choices: Sequence[Choice]) -> int | None:
     return sensor[-1] if sensor and choices[sensor[-1]].name == QUANTISER else None
 
 
+def read_cells(
+    choices: Sequence[Choice], places: Sequence[slice], point: Floats, y: Floats
+) -> tuple[Cells, int] | None:
+    """Return what the readings say, and where the step stands, if a quantiser is the last of the sensor.
+
+    Parameters
+    ----------
+    choices : sequence of Choice
+    places : sequence of slice
+        Where the parameters of each of them stand in a point.
+    point : ndarray, shape (n_unknowns,)
+    y : ndarray, shape (n_rows,)
+        The readings.
+    """
+    quantiser = place_of_quantiser(choices)
+    if quantiser is None:
+        return None
+    place = places[quantiser].start
+    cells = cells_of(y, float(point[place]))
+    return None if cells is None else (cells, place)
+
+
 def _step_error(counts: Floats, misses: Floats) -> float:
     """Return the standard error of the step, the slope of the readings over their counts.
 
