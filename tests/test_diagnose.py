@@ -11,7 +11,7 @@ import sysid
 from benchmarks.hidden_effects.plan import assign
 from sysid.cli import main
 from sysid.data import make_record
-from sysid.diagnosis.decide.evidence import orthonormal, remainder, score_screen
+from sysid.diagnosis.decide.evidence import remainder, score_screen
 from sysid.diagnosis.decide.residual_evidence import interleaved
 from sysid.diagnosis.decide.search import Search
 from sysid.diagnosis.effects import find_effects
@@ -19,6 +19,7 @@ from sysid.diagnosis.export.saved import load, save, saved_model, to_control, to
 from sysid.diagnosis.export.saved_effects import SavedEffect
 from sysid.diagnosis.export.saved_linear import SavedModel
 from sysid.diagnosis.linear.structure import LinearStructure
+from sysid.diagnosis.structures.projection import orthonormal
 from sysid.diagnosis.structures.structure import Effort, Structure
 from sysid.errors import DataError, UsageError
 

@@ -6,8 +6,8 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from sysid.diagnosis.decide.evidence import orthonormal, without
 from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.structures.projection import orthonormal, without
 from sysid.diagnosis.structures.structure import StructureFit
 
 LONGEST = 1000

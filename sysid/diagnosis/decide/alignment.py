@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sysid.diagnosis.decide.evidence import orthonormal, without
 from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.structures.projection import orthonormal, without
 
 # Other times at which the same motion is laid beside the residual, and how near to its own at least.
 SHIFTS, NEAREST = 99, 0.05

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.structures.projection import orthonormal, without
 
 # Simulated records without an effect: p-values are multiples of 1/2000.
 REPLICATES = 1999
-# Directions that the others already span to this share are left out.
-DEPENDENT = 1e-7
 # Blocks of rows of a paired test.
 BLOCKS = 24
 # Two errors are told apart when their squares differ by so many standard errors; their logarithms by more,
@@ -135,30 +134,6 @@ def score_screen(
     for part in np.split(drawn**2, edges[1:]):
         np.maximum(null, part.sum(axis=0), out=null)
     return ScoreScreen(statistics, np.sort(null), len(bases))
-
-
-def orthonormal(columns: Floats, besides: Floats | None = None) -> Floats:
-    """Return an orthonormal basis of the span of columns, that of ``besides`` projected out."""
-    with np.errstate(all="ignore"):  # a slope that runs off has no length, and is left out
-        size = np.linalg.norm(columns, axis=0)
-    columns = columns[:, (size > 0.0) & np.isfinite(size)]
-    if columns.shape[1] == 0:
-        return columns
-    columns = columns / np.linalg.norm(columns, axis=0)
-    if besides is not None and besides.shape[1]:
-        for _ in range(2):  # twice is enough for orthogonality to rounding
-            columns = without(columns, besides)
-        size = np.linalg.norm(columns, axis=0)
-        columns = columns[:, size > DEPENDENT] / size[size > DEPENDENT]
-    if columns.shape[1] < 2:
-        return columns
-    U, s, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(U[:, s > np.sqrt(DEPENDENT) * s[0]])
-
-
-def without(columns: Floats, Q: Floats) -> Floats:
-    """Return columns, or one, with what an orthonormal basis spans projected out."""
-    return np.asarray(columns - Q @ (Q.T @ columns))
 
 
 @dataclass(frozen=True)

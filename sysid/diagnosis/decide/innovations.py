@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.data.record import Mask, Record
-from sysid.diagnosis.decide.evidence import orthonormal, remainder, without
+from sysid.diagnosis.decide.evidence import remainder
 from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.structures.projection import orthonormal, without
 from sysid.diagnosis.structures.structure import filtered
 
 # Earlier samples of input and output that may foresee linearly, and samples of which products are taken.

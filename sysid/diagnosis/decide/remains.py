@@ -5,9 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.record import Mask
-from sysid.diagnosis.decide.evidence import Remainder, orthonormal, remainder, without
+from sysid.diagnosis.decide.evidence import Remainder, remainder
 from sysid.diagnosis.decide.noise_colour import noise_beside
 from sysid.diagnosis.effects.base import Floats
+from sysid.diagnosis.structures.projection import orthonormal, without
 
 # Together, probes are asked in no more than one direction for so many rows.
 ROWS_PER_DIRECTION = 8

@@ -7,11 +7,12 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from sysid.data.record import Mask
-from sysid.diagnosis.decide.evidence import excess_in_blocks, orthonormal, remainder
+from sysid.diagnosis.decide.evidence import excess_in_blocks, remainder
 from sysid.diagnosis.decide.noise_colour import LARGEST_ORDER, Noise, noise_beside, noise_of
 from sysid.diagnosis.decide.remains import chance_by_likelihood, clearest, leading
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.structures.probe_functions import families
+from sysid.diagnosis.structures.projection import orthonormal
 from sysid.diagnosis.structures.structure import WHITE, Effort, Structure, StructureFit, filtered
 
 # Without an effect something counts as seen under the residual's own colour with a chance below this.

@@ -10,6 +10,7 @@ from sysid.diagnosis.linear.levenberg import Minimum, minimise
 from sysid.diagnosis.linear.narrowing import Narrowing
 from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.structures.plain_errors import UNSEEN
+from sysid.diagnosis.structures.projection import orthonormal, without
 from sysid.diagnosis.structures.thresholds import (
     is_switched_by_input,
     middle_of_cell,
@@ -76,11 +77,8 @@ def with_errors_of_thresholds(
         there = chain.run(data, other)
         if there is None:
             return np.inf
-        tangent = chain.slopes(data, other, there, noise, free).T
-        scale = np.linalg.norm(tangent, axis=0)
-        tangent = tangent[:, scale > 0.0] / scale[scale > 0.0]
-        error = chain.error(data, there, noise)
-        left = error - tangent @ np.linalg.lstsq(tangent, error, rcond=UNSEEN)[0]
+        tangent = orthonormal(chain.slopes(data, other, there, noise, free).T, least=UNSEEN)
+        left = without(chain.error(data, there, noise), tangent)
         return float(left @ left)
 
     found = []

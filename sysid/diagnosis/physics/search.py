@@ -8,6 +8,7 @@ import numpy as np
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.physics.evaluation import finite
 from sysid.diagnosis.physics.problem import Problem
+from sysid.diagnosis.structures.projection import orthonormal
 from sysid.diagnosis.structures.thresholds import jumps
 from sysid.separable.descent import Minimum, Residual
 
@@ -35,12 +36,7 @@ class Tangent:
 
     def __init__(self, problem: Problem, point: Floats) -> None:
         with np.errstate(all="ignore"):
-            J = finite(problem.jacobian(point))
-            scale = np.linalg.norm(J, axis=0)
-        moves = (scale > 0.0) & np.isfinite(scale)  # where the model all but diverges nothing can be said
-        J, scale = J[:, moves], scale[moves]
-        left, sizes, _ = np.linalg.svd(J / scale, full_matrices=False)
-        self.basis = left[:, sizes > RANK_TOLERANCE * sizes.max(initial=0.0)]
+            self.basis = orthonormal(finite(problem.jacobian(point)), least=RANK_TOLERANCE)
 
     def outside(self, rows: Floats) -> Floats:
         """Return what is left of each row, shape (lanes, n_rows)."""
