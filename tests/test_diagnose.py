@@ -11,6 +11,7 @@ import sysid
 from benchmarks.hidden_effects.plan import assign
 from sysid.cli import main
 from sysid.data import make_record
+from sysid.diagnosis.decide import search
 from sysid.diagnosis.decide.evidence import remainder, score_screen
 from sysid.diagnosis.decide.residual_evidence import interleaved
 from sysid.diagnosis.decide.search import Search
@@ -553,3 +554,19 @@ def test_a_relay_that_few_inputs_switch_is_no_dead_zone():
     assert found.accepted == ("in_relay",)
     (threshold_found,) = found.final.fitted.parameters_of("in_relay")
     assert threshold_found.value == pytest.approx(threshold, rel=0.05)  # between the next two inputs
+
+
+def test_a_second_look_at_rows_that_fix_no_model_changes_nothing(monkeypatch):
+    # The rows of the first search gave a model that all starts agree on: it is not taken back.
+    rng = np.random.default_rng(3)
+    u = rng.uniform(-2, 2, 400)
+    y = plant(u) + 0.02 * rng.standard_normal(400)
+    structure = LinearStructure(make_record(u, y, period=1.0), 2, initial_state="rest")
+    found = LinearStructure.baseline
+
+    def disagreeing(self, rows):
+        return replace(found(self, rows), restarts_agree=np.array_equal(rows, self.record.estimation))
+
+    monkeypatch.setattr(LinearStructure, "baseline", disagreeing)
+    monkeypatch.setattr(search, "_held_out_rows_show_more", lambda *_: True)
+    assert Search(structure, find_effects(["in_saturation"])).decide().verdict == "nothing-missing"

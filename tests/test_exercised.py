@@ -72,3 +72,11 @@ def test_an_actuator_may_start_at_rest_or_at_its_first_command(before: float | N
     assert found.accepted == ("in_rate_limit",)
     for parameter in found.final.fitted.parameters_of("in_rate_limit"):
         assert abs(parameter.value - 0.4) < 3.0 * parameter.std_error < 0.02
+
+
+def test_two_steps_of_an_input_show_no_gain_that_changes_with_time():
+    # A change of the gain after the last step is a load, one between the two another gain or a slow pole.
+    (variation,) = find_effects(["time_variation"])
+    heater = make_record(np.repeat([0.0, 70.0, 30.0], [20, 280, 300]), np.arange(600.0), period=1.0)
+    assert not shows(heater, variation)
+    assert shows(make_record(held(0, 20, 40, 600), np.arange(600.0), period=1.0), variation)

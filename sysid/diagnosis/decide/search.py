@@ -96,9 +96,10 @@ class Search:
         if self._looks_at_other_rows(attempt, decision):
             other = self._attempt(*interleaved(record.learning))
             found = other.decided()
-            # Where nothing explains, rows that take turns must do more than move what is left.
+            # Where nothing explains, rows that take turns must do more than move what is left.  And a model
+            # that is not reproducible on them says nothing against one that was.
             named = found.verdict != "unexplained" and not leaves_a_trace(found)
-            if decision.verdict != "unexplained" or named:
+            if found.verdict != "not-identifiable" and (decision.verdict != "unexplained" or named):
                 attempt, decision = other, found
         decision = replace(
             settled(attempt.trials, _amended(attempt, decision)), cut_short=self.allowance.ended

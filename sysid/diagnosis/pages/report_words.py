@@ -32,8 +32,8 @@ def sentences(diagnosis: "Outcome") -> list[str]:
     judged = diagnosis.judged
     found = [_headline(diagnosis), *filter(None, [getattr(diagnosis.structure, "units", "")])]
     found += [f"{effect.name}: {mechanism(effect, diagnosis)}" for effect in _effects(diagnosis)]
-    for rung in ladder:
-        found.append(_rung(rung, judged, unit))
+    for rung, before in zip(ladder, (None, *ladder), strict=False):
+        found.append(_rung(rung, before, judged, unit))
     found += _noise_floor(diagnosis, judged, unit)
     for rung in ladder[1:]:
         for p in ladder[-1].model.fitted.parameters_of(rung.effect):
@@ -178,13 +178,19 @@ def _growing(diagnosis: "Outcome", judged: str, unit: str) -> list[str]:
     ]
 
 
-def _rung(rung: "Rung", judged: str, unit: str) -> str:
+def _rung(rung: "Rung", before: "Rung | None", judged: str, unit: str) -> str:
     entry = rung.scores[judged]
     what = f"With {rung.effect}" if rung.effect else "Baseline"
     if entry["rmse"] is None:
         return f"{what}: the free run on {judged} diverges."
     share = f", {percent(entry['nrmse'])} of the signal" if entry["nrmse"] is not None else ""
     removed = f"; {_removed(rung.removed)}" if rung.step else ""
+    if (
+        before is not None
+        and rung.removed > 0.0
+        and entry["rmse"] > (before.scores[judged]["rmse"] or np.inf)
+    ):
+        removed += f" on the validation rows, none on {judged}"
     return f"{what}: free-run error {quantity(entry['rmse'], unit)} RMSE on {judged}{share}{removed}."
 
 

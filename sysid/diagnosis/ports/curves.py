@@ -276,7 +276,7 @@ def _status(fit: PortFit, moved: bool) -> str:
 
 def _place(port: Port) -> str:
     return {
-        "input": f"static curve at the input {port.quantity}",
+        "input": "static curve at the input" + ("" if port.quantity == port.kind else f" {port.quantity}"),
         "output": "static curve at the output",
         "position": f"force that depends on the position{_unless_same(port)}",
         "velocity": f"force that depends on the velocity{_unless_same(port)}",

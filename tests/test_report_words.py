@@ -1,0 +1,20 @@
+"""Sentences of the diagnosis that must hold for the rows they are said of."""
+
+from types import SimpleNamespace
+
+from sysid.diagnosis.pages.report_words import _rung
+
+
+def rung(step: int, rmse: float, removed: float) -> SimpleNamespace:
+    scores = {"test": {"rmse": rmse, "nrmse": rmse / 10.0}}
+    return SimpleNamespace(step=step, effect="op_gain" if step else "", scores=scores, removed=removed)
+
+
+def test_a_step_that_helps_on_validation_rows_alone_says_so():
+    words = _rung(rung(1, 4.3, 0.99), rung(0, 1.9, 0.0), "test", "V")
+    assert words.endswith("99.00 % of the explainable error removed on the validation rows, none on test.")
+
+
+def test_a_step_that_helps_on_test_needs_no_more_words():
+    words = _rung(rung(1, 0.2, 0.99), rung(0, 1.9, 0.0), "test", "V")
+    assert words.endswith("99.00 % of the explainable error removed.")
