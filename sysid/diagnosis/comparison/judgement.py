@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from sysid.data import Record
 from sysid.diagnosis.comparison.noise import NoiseFloor
 from sysid.diagnosis.comparison.periods import Distortion
-from sysid.diagnosis.comparison.scores import SetScore
+from sysid.diagnosis.comparison.scores import EXACT, SetScore
 from sysid.diagnosis.comparison.series import Series
 from sysid.diagnosis.comparison.where import Finding, Location
 from sysid.diagnosis.models.fitted_model import FittedModel
@@ -61,7 +61,8 @@ class Judgement:
     @property
     def where(self) -> tuple[Finding, ...]:
         """Findings: where the error is concentrated, beyond chance and by enough to matter."""
-        return self.location.findings
+        exact = self.score_of(self.judged).free_run.nrmse < EXACT
+        return () if exact else self.location.findings
 
     def score_of(self, name: str) -> SetScore:
         """Return the scores of one set of rows."""

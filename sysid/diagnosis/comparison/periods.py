@@ -7,7 +7,7 @@ import numpy as np
 
 from sysid.data import Record
 from sysid.data.record import Mask
-from sysid.diagnosis.wording import percent, quantity, significant
+from sysid.diagnosis.wording import percent, quantity
 from sysid.linear.forms import Floats
 from sysid.result_files import finite
 
@@ -198,7 +198,7 @@ def _reading(sizes: list[float], p_values: list[float], noise: float, count: int
         for name, size, p in zip(("even", "odd"), sizes, p_values, strict=True)
         if p <= LEVEL / 2.0
     ]
-    against = f"of the output, against {percent(noise)} of noise in the mean of {significant(count)} periods"
+    against = f"of the output, against {percent(noise)} of noise in the mean of {count} periods"
     if not found:
         return f"At lines the input leaves out the output holds noise only ({percent(noise)}): no distortion"
     return f"At lines the input leaves out the output holds {' and '.join(found)} {against}"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.data import Record
-from sysid.diagnosis.comparison.scores import Score, SetScore
+from sysid.diagnosis.comparison.scores import EXACT, Score, SetScore
 from sysid.diagnosis.residuals import BAND_LEVEL, CorrelationTest
 from sysid.diagnosis.wording import all_of, percent, quantity
 from sysid.result_files import finite
@@ -36,6 +36,11 @@ def sentences(comparison: "Judgement") -> list[str]:
         f"{comparison.model.subject} {_explains(judged.free_run, output, comparison.judged)}; "
         f"its free-run error is {error_size(judged)} ({window}).",
     ]
+    if judged.free_run.nrmse < EXACT:
+        exact = (
+            f"Nothing but rounding is left: {output!r} was computed, not measured, or is the input once more."
+        )
+        return [*found, exact, *comparison.model.notes]
     if floor := _floor_sentence(comparison, judged):
         found.append(floor)
     found += [finding.sentence for finding in comparison.where]

@@ -273,6 +273,7 @@ class Trials:
         base = evidence.cost(evidence.refitted(current, colour), colour)
         costs = [evidence.cost(trial.fit, colour) for trial in trials if trial.fit is not None]
         variance = min([base, *costs]) / max(int(evidence.rows.sum()) - current.n_parameters, 1)
+        variance = max(variance, self._rounding())
         found = []
         for trial in trials:
             statistic = screen.statistics[trial.name]
@@ -292,6 +293,11 @@ class Trials:
             )
         return tuple(found)
 
+    def _rounding(self) -> float:
+        """Return the variance below which a residual is the rounding of the arithmetic."""
+        measured = self.evidence.structure.record.y[self.evidence.rows, 0]
+        return float(np.finfo(float).eps * np.max(np.abs(measured))) ** 2
+
     def screen(self, current: StructureFit, candidates: Sequence[Effect], noise: Noise) -> ScoreScreen:
         """Score each candidate by the directions in which it would change the free run of a fit."""
 
@@ -306,7 +312,8 @@ class Trials:
         }
         tangent = white(self.evidence.structure.tangent(current))
         rng = np.random.default_rng([self.seed, len(current.choices)])
-        return score_screen(white(self.evidence.residual(current)), tangent, directions, noise.variance, rng)
+        variance = max(noise.variance, self._rounding())
+        return score_screen(white(self.evidence.residual(current)), tangent, directions, variance, rng)
 
 
 def may_hold(effect: Effect) -> bool:

@@ -88,7 +88,7 @@ def standard_errors(
         inverse = np.full((point.size, point.size), np.nan)
         inverse[np.ix_(used, used)] = root @ root.T
         errors = np.sqrt(variance * np.diag(inverse))
-        if closely and read is None and data.u.size <= MOST_ROWS:
+        if closely and variance > 0.0 and read is None and data.u.size <= MOST_ROWS:
             profile = profile_of(chain, data, noise, Minimum(point, cost, True), inverse, variance)
             errors, lower = profile.standard_errors(_own(chain, data)), profile.lower
         errors = errors_over_minima(chain, data, point, noise, cost, variance, errors)

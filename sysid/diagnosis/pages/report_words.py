@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sysid.diagnosis.comparison.scores import EXACT
 from sysid.diagnosis.drafts import law_in_words
 from sysid.diagnosis.pages.mechanism_words import mechanism
 from sysid.diagnosis.wording import NORMAL_95, percent, plus_minus, quantity, value_beside
@@ -162,6 +163,8 @@ def _growing(diagnosis: "Outcome", judged: str, unit: str) -> list[str]:
     rows = record.scored_rows(judged)
     squares = (record.y[rows, 0] - diagnosis.final.output[rows]) ** 2
     if squares.size < BLOCKS * ROWS_OF_BLOCK or not np.isfinite(squares).all():
+        return []
+    if np.sqrt(squares.max()) < EXACT * np.max(np.abs(record.y[rows, 0])):
         return []
     blocks = np.sqrt([part.mean() for part in np.array_split(squares, BLOCKS)])
     first, last = (

@@ -11,6 +11,7 @@ from sysid.diagnosis.physics.scatter import within_limits
 from sysid.diagnosis.physics.search import grid_starts, problem_point, refined
 from sysid.diagnosis.physics.starts import at_the_same_flow
 from sysid.diagnosis.structures.structure import Effort
+from sysid.physics.restarts import EXACT
 from sysid.separable.descent import Minimum, Residual
 
 # Most evaluations, tolerance and number of descents of each effort.
@@ -141,9 +142,14 @@ def cost_of(end: Minimum[Residual]) -> float:
     return end.cost
 
 
-def agree(ends: Sequence[Minimum[Residual]]) -> bool:
+def agree(ends: Sequence[Minimum[Residual]], problem: Problem) -> bool:
     """Tell whether the best end, first in the list, was found more than once."""
-    return sum(_same(ends[0], end) for end in ends) > 1
+    return sum(_same(ends[0], end, floor=_rounding(problem)) for end in ends) > 1
+
+
+def _rounding(problem: Problem) -> float:
+    """Return the error below which searches differ by nothing that was measured."""
+    return EXACT * float(np.linalg.norm(problem.target))
 
 
 def nearly_agree(ends: Sequence[Minimum[Residual]]) -> bool:
@@ -199,10 +205,11 @@ def _same(
     end: Minimum[Residual] | Residual,
     cost: float = AGREEMENT,
     output: float = OUTPUT_AGREEMENT,
+    floor: float = 0.0,
 ) -> bool:
     """Tell whether two searches ended at the same error with the same output."""
     error = np.sqrt(best.cost)
-    if not np.sqrt(end.cost) <= error * (1.0 + cost):
+    if not np.sqrt(end.cost) <= error * (1.0 + cost) + floor:
         return False
     point = end if isinstance(end, Residual) else end.point
-    return bool(np.linalg.norm(point.residual - best.point.residual) <= output * error)
+    return bool(np.linalg.norm(point.residual - best.point.residual) <= output * error + 2.0 * floor)

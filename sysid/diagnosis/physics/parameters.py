@@ -73,7 +73,7 @@ def standard_errors(
         errors *= cells.widening(problem.size, float(spread))
         errors[place] = cells.step_error
     errors[relative] = np.inf
-    if closely and read is None:
+    if closely and read is None and residual.any():
         followed = profile_of(problem, point, J, errors).standard_errors(free)
         errors = np.where(np.isfinite(errors), followed, errors)
     return with_threshold_errors(errors, slopes, free, errors_of_thresholds(problem, point, runs, left))
