@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 from sysid.data import Record
 from sysid.diagnosis.comparison.noise import NoiseFloor
 from sysid.diagnosis.comparison.periods import Distortion
-from sysid.diagnosis.comparison.scores import EXACT, SetScore
+from sysid.diagnosis.comparison.scores import SetScore
 from sysid.diagnosis.comparison.series import Series
 from sysid.diagnosis.comparison.where import Finding, Location
 from sysid.diagnosis.models.fitted_model import FittedModel
-from sysid.diagnosis.residuals import CorrelationTest
+from sysid.diagnosis.residuals import EXACT, CorrelationTest
 
 if TYPE_CHECKING:
     from sysid.diagnosis.models.fitted_model import PortView

@@ -11,8 +11,6 @@ from sysid.result_files import finite
 
 CONFIDENCE = 0.95
 REPLICATES = 1000
-# A free run that misses no more of the signal misses none of what a sensor reads.
-EXACT = 1e-9
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.data import Record
-from sysid.diagnosis.comparison.scores import EXACT, Score, SetScore
-from sysid.diagnosis.residuals import BAND_LEVEL, CorrelationTest
+from sysid.diagnosis.comparison.scores import Score, SetScore
+from sysid.diagnosis.residuals import BAND_LEVEL, EXACT, CorrelationTest
 from sysid.diagnosis.wording import all_of, percent, quantity
 from sysid.result_files import finite
 

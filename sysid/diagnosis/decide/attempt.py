@@ -16,6 +16,7 @@ from sysid.diagnosis.decide.revision import exchanged, freed, reordered, without
 from sysid.diagnosis.decide.rungs import rungs_to
 from sysid.diagnosis.decide.trials import POLISHED, Trials
 from sysid.diagnosis.decide.verdict import Judge, explains_most, leaves_a_trace
+from sysid.diagnosis.residuals import EXACT
 from sysid.diagnosis.structures.cells import QUANTISER, are_steps
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
 from sysid.diagnosis.structures.thresholds import DEAD_ZONE, JUMP, RELAY
@@ -53,6 +54,9 @@ class Attempt:
         if not baseline.restarts_agree:
             unknown, noise = float("nan"), self.evidence.noise(baseline)
             return Decision("not-identifiable", baseline, (), (), (), (), noise, 1.0, 0.0, unknown)
+        if not self.growth.given and (left := self._rounding(baseline)) is not None:
+            noise = self.evidence.noise(baseline)
+            return Decision("nothing-missing", baseline, (), (), (), (), noise, 1.0, 0.0, left)
         given = self.growth.given_fits(baseline)
         grown = self.growth.grown(baseline, given, len(given))
         decision = self._in_a_loop(self._judged(baseline, grown), given, grown.fits)
@@ -78,6 +82,16 @@ class Attempt:
             if self.evidence.only_at_once(final):
                 return self.judge.verdict(decision.baseline, fits, decision.trials, (), fed_back=True)
         return decision
+
+    def _rounding(self, baseline: StructureFit) -> float | None:
+        """Return the error of a model that misses nothing but rounding, as that of a computed output."""
+        measured = self.evidence.structure.record.y[:, 0]
+        left, size = (
+            np.concatenate([signal[rows] for rows in (self.evidence.rows, self.evidence.held_out)])
+            for signal in (measured - baseline.output, measured)
+        )
+        error = float(np.sqrt(np.mean(left**2)))
+        return error if error < EXACT * float(np.std(size)) else None
 
     def _judged(self, baseline: StructureFit, grown: Grown) -> Decision:
         """Judge a grown model; where it leaves something, finer laws of its effects may explain more."""

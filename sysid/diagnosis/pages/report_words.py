@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid.diagnosis.comparison.scores import EXACT
 from sysid.diagnosis.drafts import law_in_words
 from sysid.diagnosis.pages.mechanism_words import mechanism
+from sysid.diagnosis.residuals import EXACT
 from sysid.diagnosis.wording import NORMAL_95, percent, plus_minus, quantity, value_beside
 
 if TYPE_CHECKING:
