@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import sysid
 from benchmarks.hidden_effects.plan import assign
@@ -135,6 +136,20 @@ def test_candidates_fitted_side_by_side_give_the_same_answer():
     assert json.dumps(first) == json.dumps(second)
     with pytest.raises(UsageError, match="jobs is 0: give 1 or more"):
         sysid.diagnose(record_of("quad_drag"), jobs=0)
+
+
+def test_a_diagnosis_takes_one_thread_of_the_linear_algebra_and_gives_the_others_back():
+    def threads():
+        return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+    asked = []
+    with threadpool_limits(2):
+        sysid.diagnose(
+            record_of("quad_drag"), "linear", 2, initial_state="rest", effects=["quad_drag", "out_offset"],
+            accept=lambda name: asked.append(threads()) or True,
+        )  # fmt: skip
+        assert threads() == {2}
+    assert asked and all(counted == {1} for counted in asked)
 
 
 def test_a_change_after_the_rows_of_the_fit_is_said():

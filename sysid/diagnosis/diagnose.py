@@ -111,6 +111,8 @@ def diagnose(
     >>> round(found.final.fitted.parameters_of("in_saturation")[0].value, 1)
     0.5
     """
+    from threadpoolctl import threadpool_limits
+
     begun = time.perf_counter()
     _check(record, max_effects, alpha, accept)
     if jobs < 1:
@@ -124,7 +126,8 @@ def diagnose(
     structure = structure_of(part, model, order, initial_state, start, fixed)
     candidates = find_effects(effects if effects is not None else [e.name for e in _catalogue()])
     given = find_effects(add)
-    with bars_of(progress) as bars:
+    # Blocks are small: further threads of the linear algebra only wait for one another.
+    with threadpool_limits(1), bars_of(progress) as bars:
 
         def decide(structure: Structure) -> "tuple[Decision, tuple[PortCurve, ...] | None]":
             search = Search(
@@ -155,9 +158,9 @@ def diagnose(
         if decision.verdict == "missing-effect" and _is_lost(ladder):
             decision, kept = _with_nothing_found(decision), tuple(decision.given)
             ladder = ladder[: 1 + len(kept)]
-    noise = NOISE_EFFECT in decision.accepted and accept != "none"
-    accepted = (*kept, *([NOISE_EFFECT] if noise else []))
-    advice = advise(structure, decision, accepted)
+        noise = NOISE_EFFECT in decision.accepted and accept != "none"
+        accepted = (*kept, *([NOISE_EFFECT] if noise else []))
+        advice = advise(structure, decision, accepted)
     seconds, searched = time.perf_counter() - begun, structure if long else None
     return Diagnosis(
         in_units_of_model(record, whole),
