@@ -149,7 +149,8 @@ def test_a_diagnosis_takes_one_thread_of_the_linear_algebra_and_gives_the_others
             accept=lambda name: asked.append(threads()) or True,
         )  # fmt: skip
         assert threads() == {2}
-    assert asked and all(counted == {1} for counted in asked)
+    assert asked
+    assert all(counted == {1} for counted in asked)
 
 
 def test_a_change_after_the_rows_of_the_fit_is_said():
