@@ -34,6 +34,22 @@ def part_of_kernels(function: Kernel) -> Kernel:
     return _kept(function, no_cpython_wrapper=True)
 
 
+def compiled_for(*signatures: Any) -> Callable[[Kernel], Kernel]:
+    """Return a decorator that compiles as `compiled` does, but at once and for these signatures alone.
+
+    A kernel that is handed functions would be compiled for each of them otherwise.
+    """
+
+    def decorate(function: Kernel) -> Kernel:
+        kernel: Any = _kept(function)
+        for signature in signatures:
+            kernel.compile(signature)
+        kernel.disable_compile()
+        return cast(Kernel, kernel)
+
+    return decorate
+
+
 def _kept(function: Kernel, **options: bool) -> Kernel:
     try:
         return cast(Kernel, _stamped(_njit(cache=True, **options)(function)))

@@ -119,8 +119,9 @@ def group_runs(
     by_block, passed = np.zeros(n * m * WIDTH), np.zeros(m * WIDTH)
     signals, value, drift = np.zeros(m * WIDTH), np.zeros(WIDTH), np.zeros(WIDTH)
     rows: Floats = uncounted(plants)
-    mode, chatter = np.full(WIDTH, SMOOTH), np.zeros(WIDTH, dtype=np.int64)
+    mode, chatter = np.zeros(WIDTH, dtype=np.int64), np.zeros(WIDTH, dtype=np.int64)
     dry, alive = np.zeros(WIDTH, dtype=np.bool_), np.zeros(WIDTH, dtype=np.bool_)
+    slow = states.shape[1] > 0
     for i in range(width):
         lane = min(i, lanes - 1)  # what fills the vector up repeats the last lane
         for j in range(fk.SIZE):
@@ -136,8 +137,8 @@ def group_runs(
                 by_block[(c * n + j) * WIDTH + i] = by_input[lane, j, c]
         bent = plants[lane, fk.BREAKAWAY] != 0.0
         slides = plants[lane, fk.FRICTION_FORWARD] > 0.0 or plants[lane, fk.FRICTION_BACK] > 0.0
-        dry[i], alive[i] = i < lanes and (slides or bent), i < lanes
-    slow = bool(dry.any()) or states.shape[1] > 0
+        mode[i], dry[i], alive[i] = SMOOTH, i < lanes and (slides or bent), i < lanes
+        slow = slow or dry[i]
     for k in range(u.shape[1]):
         for c in range(m):
             for i in range(width):

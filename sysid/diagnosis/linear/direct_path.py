@@ -8,9 +8,10 @@ from typing import Any
 
 from numba import types
 
+from sysid._compile import compiled_for
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.effects.laws import Drive, drive_signature
-from sysid.diagnosis.linear.kernels import LARGEST, drive_at, with_drives
+from sysid.diagnosis.linear.kernels import LARGEST, drive_at
 
 # Steps of the secant method, and the error it ends with, beside the size of what is added up: rounding.
 ROOT_STEPS, ROOT_ERROR = 50, 1e-14
@@ -20,7 +21,7 @@ _matrix = types.Array(types.float64, 2, "C")
 _drive = types.FunctionType(drive_signature())
 
 
-@with_drives(
+@compiled_for(
     types.boolean(
         _row,
         _row,

@@ -6,10 +6,11 @@ import numba
 import numpy as np
 from numba import types
 
+from sysid._compile import compiled_for
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.effects.laws import Rows, rows_signature
 from sysid.diagnosis.linear.differences import STEP, central_difference, first_step
-from sysid.diagnosis.linear.kernels import spread, with_drives
+from sysid.diagnosis.linear.kernels import spread
 
 _row, _mask = types.Array(types.float64, 1, "C"), types.Array(types.boolean, 1, "C")
 _matrix, _rows = types.Array(types.float64, 2, "C"), types.FunctionType(rows_signature())
@@ -25,7 +26,7 @@ def _drive(
         second(v, z, speed, q, v)
 
 
-@with_drives(_matrix(_row, _row, _row, types.int64, _rows, _row, _rows, _row, types.boolean, _mask, _mask))
+@compiled_for(_matrix(_row, _row, _row, types.int64, _rows, _row, _rows, _row, types.boolean, _mask, _mask))
 def drive_slopes(
     x: Floats,
     z: Floats,
@@ -55,7 +56,10 @@ def drive_slopes(
     n_rows, line = x.shape[0], 3
     p, q = p.copy(), q.copy()
     ahead, behind = np.empty(n_rows), np.empty(n_rows)
-    out = np.empty((3 + np.sum(wanted), n_rows))
+    n_wanted = 0
+    for number in range(wanted.shape[0]):
+        n_wanted += wanted[number]
+    out = np.empty((3 + n_wanted, n_rows))
     for k in range(n_rows):
         out[0, k] = 1.0
     for i in range(0 if scaled else 1, 3):

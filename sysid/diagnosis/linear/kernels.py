@@ -5,14 +5,13 @@ drives that see z(k) and z(k) - z(k-1).  ``begin`` holds the first row of each e
 number of rows; nothing crosses the border between experiments.
 """
 
-from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 import numba
 import numpy as np
 from numba import types
 
-from sysid._compile import Kernel, compiled
+from sysid._compile import compiled, compiled_for
 from sysid.diagnosis.effects.base import Floats
 from sysid.diagnosis.effects.laws import Drive, drive_signature
 
@@ -22,18 +21,6 @@ LARGEST = 1e12
 _number, _row, _index = types.float64, types.Array(types.float64, 1, "C"), types.Array(types.int64, 1, "C")
 _matrix = types.Array(types.float64, 2, "C")
 _drive = types.FunctionType(drive_signature())
-
-
-def with_drives(*signature: Any) -> Callable[[Kernel], Kernel]:
-    """Compile for one signature, so that any drive fits without compiling again."""
-
-    def decorate(function: Kernel) -> Kernel:
-        try:
-            return cast(Kernel, numba.njit(list(signature), cache=True, nogil=True)(function))
-        except RuntimeError:
-            return cast(Kernel, numba.njit(list(signature), nogil=True)(function))
-
-    return decorate
 
 
 @compiled
@@ -166,7 +153,7 @@ def drive_at(
     return acting
 
 
-@with_drives(
+@compiled_for(
     types.boolean(
         _row, _row, _row, _number, _matrix, _index, types.int64, _drive, _row, _drive, _row, _row, _row
     )
