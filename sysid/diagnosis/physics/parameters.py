@@ -56,7 +56,7 @@ def standard_errors(
     -------
     ndarray, shape (n_unknowns,)
     """
-    slopes, free = slopes_of_both_sides(problem, point), smooth(problem)
+    slopes, free = slopes_of_both_sides(problem, point), smooth(problem) | _levels(problem)
     J = np.where(free, slopes, 0.0)
     relative = _relative_to_a_level(problem, point)
     J[:, relative & _levels(problem)] = 0.0  # beside it the others would seem known to rounding
@@ -74,7 +74,7 @@ def standard_errors(
         errors[place] = cells.step_error
     errors[relative] = np.inf
     if closely and read is None and residual.any():
-        followed = profile_of(problem, point, J, errors).standard_errors(free)
+        followed = profile_of(problem, point, J, errors).standard_errors(smooth(problem))
         errors = np.where(np.isfinite(errors), followed, errors)
     return with_threshold_errors(errors, slopes, free, errors_of_thresholds(problem, point, runs, left))
 
