@@ -56,6 +56,27 @@ def test_a_jump_at_the_edges_of_a_dead_zone_is_found_with_it(slope, hold):
         assert np.isnan(width.std_error)  # it lies between two inputs, which no slope tells
 
 
+def test_two_that_explain_little_alone_are_found_where_neither_leads():
+    """A jump of the input does better than the drag or the drift, and no effect beside it mends it."""
+    rng = np.random.default_rng(1)
+    n, load = 1000, 0.0
+    u = np.repeat(rng.uniform(-1.0, 1.0, n), rng.integers(2, 50, n))[:n]
+    x = np.zeros(n)
+    for k in range(2, n):
+        x[k] = 1.7385 * x[k - 1] - 0.7548 * x[k - 2] + 0.0196 * (u[k - 1] - load)
+        speed = x[k] - x[k - 1]
+        load = 1500.0 * speed * abs(speed)
+    y = x - 1.5e-4 * np.arange(n)
+    y += 0.05 * y.std() * rng.standard_normal(n)
+    effects = ["in_saturation", "in_deadzone", "in_preload", "in_backlash", "out_offset", "out_drift"]
+    effects += ["quad_drag", "op_gain", "extra_mode"]
+    split = np.repeat(["est", "val", "test"], [600, 250, 150])
+    found = sysid.diagnose(
+        make_record(u, y, 1.0, split=split), order=2, initial_state="rest", effects=effects
+    )
+    assert set(found.accepted) == {"quad_drag", "out_drift"}
+
+
 def sliding(drag, friction):
     """Return a mass with drag and dry friction under steps of a force."""
     rng = np.random.default_rng(1)

@@ -8,6 +8,7 @@ import numpy as np
 from sysid.diagnosis.decide.acceptance import is_accepted, is_better_held_out, is_significant
 from sysid.diagnosis.decide.allowance import PROMISING
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
+from sysid.diagnosis.decide.foresight import most_promising
 from sysid.diagnosis.decide.growth import Grown, Growth
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
 from sysid.diagnosis.decide.refinement import refined
@@ -16,6 +17,7 @@ from sysid.diagnosis.decide.revision import exchanged, freed, reordered, without
 from sysid.diagnosis.decide.rungs import rungs_to
 from sysid.diagnosis.decide.trials import POLISHED, Trials
 from sysid.diagnosis.decide.verdict import Judge, explains_most, leaves_a_trace
+from sysid.diagnosis.effects.base import Effect
 from sysid.diagnosis.residuals import EXACT
 from sysid.diagnosis.structures.cells import QUANTISER, are_steps
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
@@ -28,6 +30,8 @@ RUNNERS_UP, BESIDE_RUNNER_UP = 2, 4
 SHIFTED = 0.5
 # To how many of the others the one that leaves the least is added with care.
 PAIRED = 3
+# How many pairs are fitted that promise most by the slopes of one beside the other.
+FORESEEN = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,13 +202,17 @@ class Attempt:
     def _pairs(self, trials: tuple[Trial, ...]) -> Iterator[StructureFit]:
         """Yield pairs of effects to which the leader does not lead, the quickly found ones first.
 
-        Those that leave the least are added to each of the others: beside what is nearly right an effect is
-        fitted as itself, where alone it stands in for something else, as do others beside it.  Then the
-        runners-up, each with what is best beside it.
+        First those that the slopes beside single effects promise.  Then those that leave the least are added
+        to each of the others: beside what is nearly right an effect is fitted as itself, where alone it
+        stands in for something else, as do others beside it.  Then the runners-up, each with what is best
+        beside it.
         """
         evidence = self.evidence
         fits = {trial.name: trial.fit for trial in trials if trial.fit is not None}
         yield from self._jump_at_edges(trials)
+        foreseen = self._foreseen(trials) if self.trials.allowance.permits(PROMISING) else None
+        if foreseen is not None:
+            yield foreseen
         if len(fits) > 1:
             by_noise = min(fits, key=lambda name: evidence.own_criterion(fits[name]))
             by_error = min(fits, key=lambda name: evidence.cost(fits[name], WHITE_NOISE))
@@ -238,19 +246,29 @@ class Attempt:
             found.append(self.evidence.structure.fit(choices, rows, WHITE, near[0].fit, effort=Effort.FINE))
         yield from sorted(filter(lambda fit: fit.usable, found), key=self.evidence.own_criterion)[:1]
 
-    def _best_with(self, name: str, fits: Sequence[StructureFit]) -> StructureFit | None:
-        """Return the best of some fits with one more effect, the leading ones searched with more care."""
-        (effect,) = (effect for effect in self.trials.candidates if effect.name == name)
+    def _foreseen(self, trials: tuple[Trial, ...]) -> StructureFit | None:
+        """Return the best of those pairs that promise most."""
+        fits = [t.fit for t in trials if t.fit is not None and is_significant(self.evidence, t)]
+        return self._best_of(most_promising(self.evidence, fits, self.trials.candidates, FORESEEN))
 
-        def added(fit: StructureFit, effort: Effort) -> StructureFit | None:
+    def _best_with(self, name: str, fits: Sequence[StructureFit]) -> StructureFit | None:
+        """Return the best of some fits with one more effect."""
+        (effect,) = (effect for effect in self.trials.candidates if effect.name == name)
+        return self._best_of([(fit, effect) for fit in fits])
+
+    def _best_of(self, pairs: Sequence[tuple[StructureFit, Effect]]) -> StructureFit | None:
+        """Return the best fit with another effect beside it, the leading ones searched with more care."""
+
+        def added(pair: tuple[StructureFit, Effect], effort: Effort) -> StructureFit | None:
+            fit, effect = pair
             forms = effect.found_by if effort is Effort.FINE else effect.found_by[:1]
             return self.trials.best_form(fit, effect, forms, WHITE_NOISE, effort).fit
 
-        def left(pair: StructureFit | None) -> float:
-            return np.inf if pair is None else self.evidence.own_criterion(pair)
+        def left(fit: StructureFit | None) -> float:
+            return np.inf if fit is None else self.evidence.own_criterion(fit)
 
-        leading = sorted(fits, key=lambda fit: left(added(fit, Effort.COARSE)))[:PAIRED]
-        return min((added(fit, Effort.FINE) for fit in leading), key=left, default=None)
+        leading = sorted(pairs, key=lambda pair: left(added(pair, Effort.COARSE)))[:PAIRED]
+        return min((added(pair, Effort.FINE) for pair in leading), key=left, default=None)
 
     def memory(self, baseline: StructureFit) -> Trial:
         """Return the memory of the noise as a candidate beside the effects."""
