@@ -2,7 +2,8 @@
 
 from types import SimpleNamespace
 
-from sysid.diagnosis.pages.report_words import _rung
+from sysid.diagnosis.pages.report_words import _headline, _rung, _with_spread
+from sysid.diagnosis.structures.structure import FittedParameter
 
 
 def rung(step: int, rmse: float, removed: float) -> SimpleNamespace:
@@ -18,3 +19,17 @@ def test_a_step_that_helps_on_validation_rows_alone_says_so():
 def test_a_step_that_helps_on_test_needs_no_more_words():
     words = _rung(rung(1, 0.2, 0.99), rung(0, 1.9, 0.0), "test", "V")
     assert words.endswith("99.00 % of the explainable error removed.")
+
+
+def test_several_effects_are_listed_as_a_sentence_lists_them():
+    decision = SimpleNamespace(trials=(), given=())
+    accepted = ("in_deadzone", "out_offset", "quad_drag")
+    found = SimpleNamespace(accepted=accepted, decision=decision, verdict="unexplained")
+    assert _headline(found).startswith(
+        "Missing in the model: in_deadzone, out_offset and quad_drag, or what resembles them, and"
+    )
+
+
+def test_an_interval_in_percent_is_no_share_of_its_value():
+    width = FittedParameter("width", 26.1, 0.56, "%")
+    assert _with_spread(width) == "width = (26.1 ± 1.1) %"

@@ -7,7 +7,7 @@ from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE
 from sysid.diagnosis.decide.verdict import TRACE_SHARE
 from sysid.diagnosis.experiment import Responding, separating_experiment
 from sysid.diagnosis.structures.structure import Structure
-from sysid.diagnosis.wording import percent
+from sysid.diagnosis.wording import all_of, percent
 
 # An experiment tells two candidates apart if their outputs differ by so many deviations of the noise.
 LEAST_SEPARATION = 4.0
@@ -43,7 +43,7 @@ def _by_verdict(structure: Structure, decision: Decision, accepted: Sequence[str
         return SIZE_FORETOLD
     if decision.verdict == "unexplained":
         left = f"{percent(decision.left_share)} of the explainable error"
-        tried = " and ".join(decision.rejected)
+        tried = all_of(decision.rejected)
         closest = f"with {tried} {left} is left" if tried else f"{left} is left"
         closest += STANDS_IN if decision.stands_in else ""
         if decision.resembled_at:
@@ -64,7 +64,7 @@ def _by_verdict(structure: Structure, decision: Decision, accepted: Sequence[str
         )
     physical = [name for name in accepted if name != NOISE_EFFECT]
     found = [name for name in physical if name not in decision.given]
-    sentence = f"Add {' and '.join(found)}." if found else "The effect that was found was not added."
+    sentence = f"Add {all_of(found)}." if found else "The effect that was found was not added."
     if decision.given and not found:
         sentence = "Keep what was given."
     if physical and decision.left_p_value < LEFT_P_VALUE and decision.left_share > TRACE_SHARE:

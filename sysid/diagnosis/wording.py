@@ -112,8 +112,10 @@ def all_of(names: Sequence[str]) -> str:
     --------
     >>> all_of(["the squared input", "the cubed input", "the squared output"])
     'the squared input, the cubed input and the squared output'
+    >>> all_of([])
+    ''
     """
-    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
 
 
 def value_beside(value: float, std_error: float) -> str:

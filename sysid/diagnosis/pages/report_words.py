@@ -7,7 +7,7 @@ import numpy as np
 from sysid.diagnosis.drafts import law_in_words
 from sysid.diagnosis.pages.mechanism_words import mechanism
 from sysid.diagnosis.residuals import EXACT
-from sysid.diagnosis.wording import NORMAL_95, percent, plus_minus, quantity, value_beside
+from sysid.diagnosis.wording import NORMAL_95, all_of, percent, plus_minus, quantity, value_beside
 
 if TYPE_CHECKING:
     from sysid.diagnosis.effects.base import Effect
@@ -97,15 +97,15 @@ def _effects(diagnosis: "Outcome") -> "list[Effect]":
 
 
 def _headline(diagnosis: "Outcome") -> str:
-    names = " and ".join(diagnosis.accepted)
+    names, they = all_of(diagnosis.accepted), "them" if len(diagnosis.accepted) > 1 else "it"
     best = next((t for t in diagnosis.decision.trials if t.fit is not None), None)
     return {
         "missing-effect": _beside_given(diagnosis)
         or f"Missing in the model: {names or (best.name if best else '')}.",
         "nothing-missing": "Nothing is missing in the model.",
         "coloured-noise": "Nothing is missing in the model but a memory of the noise.",
-        "unexplained": f"Missing in the model: {names}, or what resembles it, and something that no "
-        "candidate explains."
+        "unexplained": f"Missing in the model: {names}, or what resembles {they}, and something that "
+        "no candidate explains."
         if names
         else "Something is missing in the model that no candidate explains.",
         "not-identifiable": "The model's parameters cannot be told from this record.",
@@ -117,8 +117,8 @@ def _beside_given(diagnosis: "Outcome") -> str:
     given = diagnosis.decision.given
     if not given:
         return ""
-    found = " and ".join(name for name in diagnosis.accepted if name not in given)
-    beside = " and ".join(given)
+    found = all_of([name for name in diagnosis.accepted if name not in given])
+    beside = all_of(given)
     if found:
         return f"Missing in the model with {beside}: {found}."
     return f"With {beside}, which {'was' if len(given) == 1 else 'were'} given, nothing further is missing."
@@ -152,6 +152,8 @@ def _with_spread(parameter: "FittedParameter") -> str:
     """Return name, value, half the 95 % interval and unit of a parameter."""
     value = value_beside(parameter.value, parameter.std_error)
     words = (value, plus_minus(parameter.std_error), parameter.unit)
+    if parameter.unit.startswith("%") and words[1]:  # the interval is no share of the value
+        words = (f"({value}", f"{words[1]})", parameter.unit)
     return f"{parameter.name} = {' '.join(word for word in words if word)}"
 
 
