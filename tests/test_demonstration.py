@@ -298,3 +298,9 @@ def test_every_scene_can_be_played(tmp_path, seed):
 def test_demo_with_a_negative_seed_is_refused(tmp_path, capsys):
     assert main(["demo", "--out", str(tmp_path), "--seed", "-1"]) == 2
     assert "--seed is -1" in capsys.readouterr().err
+
+
+def test_demo_asks_for_a_folder_where_a_file_is_named(tmp_path, capsys):
+    (tmp_path / "taken").write_text("")
+    assert main(["demo", "--out", str(tmp_path / "taken")]) == 2
+    assert "is a file: name a folder" in capsys.readouterr().err

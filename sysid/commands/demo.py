@@ -52,6 +52,8 @@ def run(arguments: argparse.Namespace) -> int:
 def _make(folder: Path, seed: int) -> list[str]:
     if seed < 0:
         raise UsageError(f"--seed is {seed}; give an integer >= 0.")
+    if folder.exists() and not folder.is_dir():
+        raise UsageError(f"--out {folder} is a file: name a folder, which is made if it is not there.")
     rng = np.random.default_rng(seed)
     family, effect = SCENES[(seed - 1) % len(SCENES)]
     case = draw_case(rng, family, [effect], Difficulty(share=(0.05, 0.3), snr=(25.0, 40.0)))

@@ -64,8 +64,8 @@ def resolve_model(
         if isinstance(model, str | Path) and not is_known(model):
             known = ", ".join((LINEAR, *all_model_names(), *_black_boxes(model)))
             raise UsageError(
-                f"model {str(model)!r} is not known: choose one of {known}, or give a .toml file or a class "
-                "as module:Class"
+                f"model {str(model)!r} is not known: choose one of {known}, or give a .toml file, a class "
+                "as module:Class, or a model saved as .json or .toml"
             )
         found = load_model(model)
     if order is not None and order != found.order:
