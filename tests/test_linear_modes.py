@@ -159,9 +159,9 @@ def test_searches_that_end_next_to_each_other_nearly_agree():
         return Minimum(np.zeros(1), point, Status.STEP, (float(residual @ residual),), 1)
 
     same, near, far = end(0.01), end(0.08), end(0.2)
-    assert agree([end(0.0), same])
+    assert agree([end(0.0), same], error)
     assert nearly_agree([end(0.0), near])
-    assert not agree([end(0.0), near])
+    assert not agree([end(0.0), near], error)
     assert not nearly_agree([end(0.0), far])
 
 

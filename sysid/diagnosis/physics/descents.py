@@ -142,14 +142,14 @@ def cost_of(end: Minimum[Residual]) -> float:
     return end.cost
 
 
-def agree(ends: Sequence[Minimum[Residual]], problem: Problem) -> bool:
+def agree(ends: Sequence[Minimum[Residual]], target: Floats) -> bool:
     """Tell whether the best end, first in the list, was found more than once."""
-    return sum(_same(ends[0], end, floor=_rounding(problem)) for end in ends) > 1
+    return sum(_same(ends[0], end, floor=_rounding(target)) for end in ends) > 1
 
 
-def _rounding(problem: Problem) -> float:
+def _rounding(target: Floats) -> float:
     """Return the error below which searches differ by nothing that was measured."""
-    return EXACT * float(np.linalg.norm(problem.target))
+    return EXACT * float(np.linalg.norm(target))
 
 
 def nearly_agree(ends: Sequence[Minimum[Residual]]) -> bool:

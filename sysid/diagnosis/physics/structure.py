@@ -191,10 +191,10 @@ class PhysicsStructure:
         small = self._rows_of_search(rows)
         search = problem if small.sum() == rows.sum() else self._problem((), small, WHITE, budget)
         ends = descents(search, starts)
-        found_again = agree(ends, search)
+        found_again = agree(ends, search.target)
         if not found_again:
             ends = sorted([*ends, *descents(search, near_starts(self.setting, MORE_RESTARTS))], key=cost_of)
-            found_again = agree(ends, search) or nearly_agree(ends)
+            found_again = agree(ends, search.target) or nearly_agree(ends)
         if not ends:
             raise ModelError(
                 f"model {self.name!r} diverges from every start: give start values nearer to the plant's"
@@ -276,9 +276,9 @@ class PhysicsStructure:
             plainly = self.fit(choices, rows, WHITE, start, effort=effort)
             on = search.descend_if_finite(moved(problem, search, plainly.point), *FINEST)
             ends = sorted([*ends, *([] if on is None else [on])], key=cost_of)
-        elif effort is Effort.FINE and not search.exact and not agree(ends, search):
+        elif effort is Effort.FINE and not search.exact and not agree(ends, search.target):
             ends.insert(0, lengthened(search, ends[0], *FINEST))
-        best, found_twice = ends[0], agree(ends, search)
+        best, found_twice = ends[0], agree(ends, search.target)
         if search is not problem:
             last = EVALUATIONS[Effort.FINE] if effort is Effort.FINE else TRIED
             carried = problem.descend_if_finite(moved(search, problem, best.x), last, TOLERANCES[effort])
