@@ -78,7 +78,7 @@ def test_openings_are_searched_by_the_plain_error_only_where_that_is_looked_at_a
         return end
 
     monkeypatch.setattr(physics_structure, "lengthened", noted)
-    monkeypatch.setattr(physics_structure, "agree", lambda ends: False)
+    monkeypatch.setattr(physics_structure, "agree", lambda ends, target: False)
     colour = np.array([1.0, -0.5])
     structure.fit([choice_of("coulomb")], rows, colour, structure.baseline(rows), effort=Effort.FINE)
     assert searched == [1]

@@ -52,8 +52,7 @@ def test_a_jump_at_the_edges_of_a_dead_zone_is_found_with_it(slope, hold):
     )
     assert set(found.accepted) == {"in_deadzone", "in_preload"}
     for width in found.final.fitted.parameters_of("in_deadzone"):
-        assert abs(width.value - 0.7) < 0.04
-        assert np.isnan(width.std_error)  # it lies between two inputs, which no slope tells
+        assert abs(width.value - 0.7) < 2.6 * width.std_error < 0.04  # it lies between two inputs
 
 
 def test_two_that_explain_little_alone_are_found_where_neither_leads():
