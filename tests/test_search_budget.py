@@ -304,11 +304,11 @@ def test_a_second_effect_beside_one_that_does_not_hold_is_searched_while_there_i
 def test_what_was_found_beside_a_poor_fit_is_asked_again_while_there_is_work(monkeypatch, work, rounds):
     asked, poor = [], []
 
-    def better(growth, current, grown):
+    def better(growth, current, *_):
         poor.append(current)
         return current if len(poor) == 1 else None
 
-    monkeypatch.setattr(Growth, "_better_by_itself", better)
+    monkeypatch.setattr(Growth, "_better_with_fewer", better)
     monkeypatch.setattr(Trials, "beside", counted(Trials.beside, asked))
     searched(work).decide()
     assert asked.count(("out_offset",)) == rounds

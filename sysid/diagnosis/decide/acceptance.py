@@ -84,7 +84,7 @@ def _explains_the_rest(
     assert trial.fit is not None
     if trial.noise.order > 0 or len(trial.fit.choices) > len(current.choices) + 1:
         return False
-    chance = _chance_over_white(evidence, trial, current)
+    chance = chance_over_white(evidence, trial, current)
     if chance >= LEFT_P_VALUE:  # where this candidate shows little, probes of all kinds may show more
         chance = evidence.left(baseline, current, evidence.rows)[0]
     return chance < LEFT_P_VALUE and evidence.left(baseline, trial.fit, evidence.rows)[0] >= SEEN_P_VALUE
@@ -131,7 +131,7 @@ def rests_on_few_rows(evidence: Evidence, trial: Trial, current: StructureFit) -
     return _chance(evidence, trial, current, *costs) >= evidence.alpha
 
 
-def _chance_over_white(evidence: Evidence, trial: Trial, current: StructureFit) -> float:
+def chance_over_white(evidence: Evidence, trial: Trial, current: StructureFit) -> float:
     """Return the chance that a candidate explains as much of white noise."""
     assert trial.fit is not None
     costs = (evidence.cost(fit, WHITE_NOISE) for fit in (current, trial.fit))

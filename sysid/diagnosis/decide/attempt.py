@@ -11,7 +11,7 @@ from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
 from sysid.diagnosis.decide.foresight import most_promising
 from sysid.diagnosis.decide.growth import Grown, Growth
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
-from sysid.diagnosis.decide.refinement import refined
+from sysid.diagnosis.decide.refinement import refined, with_sides
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.decide.revision import exchanged, freed, reordered, without_idle
 from sysid.diagnosis.decide.rungs import rungs_to
@@ -56,8 +56,7 @@ class Attempt:
         with self.trials.bars.task("the model without effects, from several starts", None):
             baseline = self.evidence.structure.baseline(self.evidence.rows)
         if not baseline.restarts_agree:
-            unknown, noise = float("nan"), self.evidence.noise(baseline)
-            return Decision("not-identifiable", baseline, (), (), (), (), noise, 1.0, 0.0, unknown)
+            return self._at_the_bottom(baseline)
         if not self.growth.given and (left := self._rounding(baseline)) is not None:
             noise = self.evidence.noise(baseline)
             return Decision("nothing-missing", baseline, (), (), (), (), noise, 1.0, 0.0, left)
@@ -73,6 +72,19 @@ class Attempt:
         if self.growth.max_effects > 1 and self._unread(decision):
             decision = self._otherwise(decision, grown.trials, self._behind_quantiser(grown.trials))
         return self._in_a_loop(decision, given, decision.fits)
+
+    def _at_the_bottom(self, baseline: StructureFit) -> Decision:
+        """Refuse to say what a model lacks whose searches disagree, unless effects leave white noise alone.
+
+        Nothing leaves less: theirs is the end that counts, and what was missing had led the others astray.
+        """
+        given = self.growth.given_fits(baseline)
+        grown = self.growth.grown(baseline, given, len(given))
+        decision = self._judged(baseline, grown)
+        if decision.verdict == "missing-effect" and NOISE_EFFECT not in decision.accepted:
+            return decision
+        unknown, noise = float("nan"), self.evidence.noise(baseline)
+        return Decision("not-identifiable", baseline, (), (), (), (), noise, 1.0, 0.0, unknown)
 
     def _in_a_loop(self, decision: Decision, *found: Sequence[StructureFit]) -> Decision:
         """Judge what nothing explains once more: a controller may have put it into the input.
@@ -104,6 +116,8 @@ class Attempt:
         if decision.verdict != "unexplained":
             return decision
         finer = refined(self.evidence, grown.fits, n_given)
+        if finer is None and grown.fits:
+            finer = with_sides(self.evidence, grown.fits[-1], n_given)
         if finer is None:
             return decision
         rungs = rungs_to(self.evidence.structure, self.evidence.rows, finer, baseline, n_given)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from sysid.diagnosis.decide.acceptance import is_accepted, is_significant, tied
+from sysid.diagnosis.decide.acceptance import chance_over_white, is_accepted, is_significant, tied
 from sysid.diagnosis.decide.allowance import REVISED
 from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
@@ -20,7 +20,7 @@ from sysid.diagnosis.decide.revision import (
 from sysid.diagnosis.decide.rungs import rungs_to
 from sysid.diagnosis.decide.trials import POLISHED, Trials
 from sysid.diagnosis.effects.base import Effect
-from sysid.diagnosis.structures.structure import WHITE, Effort, StructureFit
+from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
 
 # A minimum whose criterion is so much lower is another one, as by chance once in twenty times.
 ANOTHER = 6.0
@@ -111,28 +111,64 @@ class Growth:
             grown = evidence.settled(grown)
             if evidence.own_criterion(grown) >= evidence.own_criterion(current):
                 break  # what was accepted has been exchanged or left out again
-            better = self._better_by_itself(current, grown) if further else None
-            if better is not None and self.trials.allowance.permits(REVISED):
+            better = self._better_with_fewer(current, grown, found[0], baseline) if further else None
+            if better is not None:
                 fits[-1] = better  # what was accepted beside a poor fit is asked again
-                continue
+                del ties[found[0].name]
+                if self.trials.allowance.permits(REVISED):
+                    continue
+                break
             fits = rungs_to(evidence.structure, evidence.rows, grown, baseline, n_given)
         stand = [still_tied(self.trials, fits[-1], tie) for tie in ties.values() if tie and fits]
         return Grown(fits, trials, tuple(tie for tie in stand if tie))
 
-    def _better_by_itself(self, current: StructureFit, grown: StructureFit) -> StructureFit | None:
-        """Return a clearly better fit of the model before, to which a further effect has led the way.
+    def _better_with_fewer(
+        self, current: StructureFit, grown: StructureFit, trial: Trial, baseline: StructureFit
+    ) -> StructureFit | None:
+        """Return a clearly better fit than the one before, to which a further effect has led the way.
 
-        Then that effect was needed to leave a poor minimum, and may be for nothing else.
+        Then that effect was needed to leave a poor minimum, or for another to take the place of the first,
+        and may be for nothing else: it is asked again while that may take work, and must hold beside it.
         """
         evidence = self.trials.evidence
-        if not set(current.names) < set(grown.names):
-            return None
-        choices = tuple(choice for choice in grown.choices if choice.name in current.names)
-        noise = evidence.noise(current).polynomial
-        other = evidence.structure.fit(choices, evidence.rows, noise, grown, effort=Effort.REFIT)
-        if not other.usable or evidence.own_criterion(other) > evidence.own_criterion(current) - ANOTHER:
-            return None
-        return other
+        noise, limit = evidence.noise(current).polynomial, evidence.own_criterion(current) - ANOTHER
+        grew = set(current.names) < set(grown.names)
+        again = grew and self.trials.allowance.permits(REVISED)
+        for choices in self._fewer(grown, current, grew):
+            other = evidence.structure.fit(choices, evidence.rows, noise, grown, effort=Effort.REFIT)
+            if not other.usable or evidence.own_criterion(other) > limit:
+                continue
+            if again or not self._holds_beside(other, grown, trial, baseline):
+                return other
+        return None
+
+    def _fewer(self, grown: StructureFit, current: StructureFit, grew: bool) -> list[tuple[Choice, ...]]:
+        """Return as many of a fit's effects as another has: the same ones if it ``grew`` from these."""
+        if grew:
+            return [tuple(choice for choice in grown.choices if choice.name in current.names)]
+        if len(grown.choices) != len(current.choices) + 1:
+            return []
+        spare = grown.choices[len(self.given) :]
+        return [tuple(choice for choice in grown.choices if choice is not left_out) for left_out in spare]
+
+    def _holds_beside(
+        self, other: StructureFit, grown: StructureFit, trial: Trial, baseline: StructureFit
+    ) -> bool:
+        """Tell whether the effect that a fit has beyond another one would have been accepted beside that."""
+        evidence = self.trials.evidence
+        name, *more = set(grown.names) - set(other.names)
+        if more:  # a pair, which holds as one
+            return True
+        found = replace(
+            trial,
+            name=name,
+            fit=grown,
+            noise=evidence.noise(grown),
+            gain=evidence.own_criterion(other) - evidence.own_criterion(grown),
+            validation=evidence.held_out_error(grown, WHITE),
+        )
+        found = replace(found, p_value=chance_over_white(evidence, found, other))
+        return is_accepted(evidence, found, other, baseline, True)
 
     def _first_accepted(
         self, trials: Sequence[Trial], current: StructureFit, baseline: StructureFit, further: bool

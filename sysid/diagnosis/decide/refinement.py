@@ -1,10 +1,12 @@
 """Finer laws of effects that were found, where what was found does not explain all."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 
 from sysid.diagnosis.decide.acceptance import is_better_held_out
 from sysid.diagnosis.decide.residual_evidence import Evidence
+from sysid.diagnosis.decide.revision import freed
 from sysid.diagnosis.effects.base import Form
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
 
@@ -37,6 +39,32 @@ def refined(evidence: Evidence, fits: Sequence[StructureFit], n_given: int) -> S
         if better:
             return min(better, key=evidence.own_criterion)
     return None
+
+
+def with_sides(evidence: Evidence, fit: StructureFit, n_given: int) -> StructureFit | None:
+    """Return the effects with sides of their own where all rows that may be learnt from ask for them.
+
+    Rows of a search that hardly reach one of the sides say that one number does for both.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    fit : StructureFit
+    n_given : int
+        How many of the effects are there whatever the evidence.
+
+    Returns
+    -------
+    StructureFit or None
+        On the rows of the search; None where no effect asks for another form.
+    """
+    structure, rows = evidence.structure, evidence.structure.record.learning
+    whole = structure.fit(fit.choices, rows, WHITE, fit, effort=Effort.REFIT)
+    found = freed(replace(evidence, rows=rows), whole, n_given) if whole.usable else whole
+    if found.choices == fit.choices:
+        return None
+    other = structure.fit(found.choices, evidence.rows, WHITE, found, effort=Effort.REFIT)
+    return other if other.usable else None
 
 
 def _finer_forms(choice: Choice) -> list[Form]:

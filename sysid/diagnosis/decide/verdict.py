@@ -13,7 +13,6 @@ from sysid.diagnosis.decide.noise_colour import Noise
 from sysid.diagnosis.decide.residual_evidence import LEFT_P_VALUE, Evidence
 from sysid.diagnosis.decide.stand_ins import stand_in
 from sysid.diagnosis.structures.structure import WHITE, Effort, StructureFit, with_fine_steps
-from sysid.diagnosis.structures.thresholds import is_switched_by_input
 
 # Noise that is coloured beside an effect is a trace of something else if the probes find this.
 SUSPECT_P_VALUE = 3e-3
@@ -85,7 +84,7 @@ class Judge:
         # in time shows better, or only, in more of it.
         rows = evidence.structure.record.learning
         chance, share = self._something_left(bool(fits), composed, coloured)
-        left_p, left_share, floor = evidence.left(baseline, self._with_thresholds(final, rows), rows)
+        left_p, left_share, floor = evidence.left(baseline, self._on_all(final, rows), rows)
         stands_in = bool(fits) and not evidence.smooth and stand_in(evidence, final, composed, coloured)
         if fed_back:
             left_p, left_share, floor = 1.0, 0.0, float(np.sqrt(np.mean(evidence.residual(final)[rows] ** 2)))
@@ -132,13 +131,13 @@ class Judge:
         before, after = (evidence.held_out_error(fit, WHITE) for fit in (baseline, final))
         return after > max(before, float(np.nanstd(y)))
 
-    def _with_thresholds(self, fit: StructureFit, rows: Mask) -> StructureFit:
-        """Return a fit whose thresholds of the input stand where rows want them that it has not seen.
+    def _on_all(self, fit: StructureFit, rows: Mask) -> StructureFit:
+        """Return a fit with effects as it is on all rows that may be learnt from.
 
-        The rows of a search tell them only to lie between two of their inputs.
+        The rows of a search tell a threshold of the input only to lie between two of their inputs, and a side
+        of a law that they hardly reach next to not at all: what others tell of it is not missing.
         """
-        jumps = (is_switched_by_input(fit.choices, i) for i in range(len(fit.choices)))
-        if not any(jumps):
+        if not fit.choices:
             return fit
         moved = self.evidence.structure.fit(fit.choices, rows, WHITE, fit, effort=Effort.REFIT)
         return moved if moved.usable else fit
