@@ -116,3 +116,30 @@ def test_times_in_milliseconds_are_known_by_their_column(tmp_path, name):
     assert record.period == pytest.approx(0.02, rel=1e-12)
     assert record.unit("y") == "rad/s"
     assert any("were brought to seconds" in warning for warning in record.warnings)
+
+
+@pytest.mark.parametrize("name", ["t", "t [s]"])
+def test_a_gap_is_told_where_the_period_is_given(tmp_path, name):
+    """The given period takes all rows as evenly spaced; a coarse or an even clock is no gap."""
+
+    def warned(times):
+        path = tmp_path / "gap.csv"
+        rows = "".join(f"{t:.2f},{k % 3},{k % 5}\n" for k, t in enumerate(times))
+        path.write_text(f"{name},u,y\n{rows}")
+        return read_record(path, period=0.1).warnings
+
+    even = 0.1 * np.arange(300)
+    (gap,) = warned(even + 0.5 * (even > 20.0))
+    assert gap.startswith(f"The time in '{name}' jumps by 0.6 at row 202 where the other steps are 0.1")
+    (back,) = warned(even - 0.1 * (even > 20.0))
+    assert "goes from 20 to 20 at row 202" in back
+    assert "sort the rows" in back
+    assert warned(even) == warned(0.13 * even) == ()
+
+
+def test_a_time_column_is_named_where_no_period_is_given(tmp_path):
+    path = tmp_path / "bench.csv"
+    path.write_text("t [s],u,y\n" + lines())
+    with pytest.raises(UsageError, match=r"\(--time 't \[s\]'\)"):
+        read_record(path)
+    assert read_record(path, time="t [s]").period == pytest.approx(0.1)

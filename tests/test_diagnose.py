@@ -386,7 +386,10 @@ def test_the_command_writes_what_others_read(tmp_path, capsys):
          "--save", str(files["toml"])]
     )  # fmt: skip
     assert code == 0
-    assert "Missing in the model: in_saturation." in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "Missing in the model: in_saturation." in said
+    for word, kind in (("Page", "html"), ("PDF", "pdf"), ("JSON", "json"), ("Predictions", "csv")):
+        assert f"{word}: {files[kind]}\n" in said
     answer = json.loads(files["json"].read_text())
     assert answer["schema"] == 1
     assert answer["verdict"] == "missing-effect"
@@ -422,7 +425,9 @@ def test_the_command_writes_what_others_read(tmp_path, capsys):
         (["--max-effects", "-1"], "--max-effects is -1"),
         (["--jobs", "0"], "--jobs is 0"),
         (["--model", "nosuch"], "nosuch"),
-        (["--add", "coloured"], "effect 'coloured' is not known"),
+        (["--add", "coloured"], "effect 'coloured' is not known: did you mean coloured_noise"),
+        (["--add", "coloured_noise"], "a memory of the noise changes no free run"),
+        (["--add", "coulomb"], "'coulomb' makes no sense for the model 'linear': it is for physics models"),
         (["--save", "model.xyz"], "the ending '.xyz' is not known"),
     ],
 )

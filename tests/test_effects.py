@@ -1,5 +1,9 @@
 """The catalogue of effects: names, maps against their definitions, effects of one's own."""
 
+import re
+import sys
+from importlib.metadata import EntryPoint
+
 import numpy as np
 import pytest
 
@@ -166,6 +170,16 @@ def test_an_effect_of_ones_own_in_python_and_in_toml(tmp_path):
         ("[a]\nport = 1", "give a table with port"),
         ("no toml", "is not TOML"),
         ('[a]\nexpression = "k*x"\nparameters.k.grid = { scale = "ell", points = [1] }', "scale 'ell'"),
+        ('[a]\nexpression = "k*xx"\nparameters.k = {}', r"bad.toml: effect 'a', .*'k\*xx': symbol 'xx'"),
+        ('[a]\nport = "output"\nexpression = "s+"', r"bad.toml: effect 'a', .*'s\+': it is not an expr"),
+        (
+            '[a]\nexpression = "k*x"\nparameters.k = { smallest = 0 }',
+            "parameter 'k': key 'smallest' is not known",
+        ),
+        (
+            '[a]\nexpression = "k*x"\nparameters.k.grid = { scale = "plain", points = [] }',
+            "parameter 'k': its grid is empty",
+        ),
     ],
 )
 def test_a_bad_effect_is_one_clear_sentence(tmp_path, text, message):
@@ -173,6 +187,36 @@ def test_a_bad_effect_is_one_clear_sentence(tmp_path, text, message):
     file.write_text(text)
     with pytest.raises(ModelError, match=message):
         read_effects(file)[0].forms[0].apply(U, np.zeros(0), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("no_such_package_here:effect", "cannot be loaded .*repair the package"),
+        ("json:nothing", "cannot be loaded .*repair the package"),
+        ("json:dumps", "is of type function: name an Effect"),
+    ],
+)
+def test_an_installed_effect_that_cannot_be_used_is_one_clear_sentence(monkeypatch, capsys, value, message):
+    entry = EntryPoint("mine", value, "sysid.effects")
+    monkeypatch.setattr(sys.modules[read_effects.__module__], "entry_points", lambda group: (entry,))
+    catalogue.cache_clear()
+    try:
+        assert main(["effects"]) == 2
+    finally:
+        catalogue.cache_clear()
+    error = capsys.readouterr().err
+    assert re.search(f"entry point 'mine' of sysid.effects, {value}, {message}", error)
+    assert error.count("\n") == 1
+
+
+def test_a_misspelt_effect_is_guessed_and_one_named_again_counts_once():
+    with pytest.raises(ModelError, match="'coulumb' is not known: did you mean coulomb"):
+        find_effects(["coulumb"])
+    assert [effect.name for effect in find_effects(["coulomb", "in_delay", "coulomb"])] == [
+        "coulomb",
+        "in_delay",
+    ]
 
 
 def test_the_command_lists_and_explains(capsys):

@@ -176,7 +176,10 @@ def test_a_diagnosis_goes_on_from_a_saved_physical_model(tmp_path):
             {"effects": [LIMIT.to_json() | {"parameters": {"level": -0.5}}]},
             "in_saturation.level is -0.5, and must be between 0 and inf",
         ),
-        ({"effects": [{"name": "nothing", "form": "x", "parameters": {}}]}, "'nothing' is not known"),
+        (
+            {"effects": [{"name": "nothing", "form": "x", "parameters": {}}]},
+            "effect 'nothing' that is not installed here",
+        ),
         ({"kind": "sysid-lft-model"}, "it holds 'sysid-lft-model'"),
     ],
 )

@@ -55,9 +55,12 @@ def run(arguments: argparse.Namespace) -> int:
             progress=None,
             thorough=arguments.thorough,
         )
+        for sentence in diagnosis.sentences():
+            print(sentence)
+        for warning in diagnosis.record.warnings:
+            print(f"Note: {warning}")
+        sys.stdout.flush()  # what was found is told even if a file cannot be written
         _write(diagnosis, arguments)
-    for sentence in diagnosis.sentences():
-        print(sentence)
     if arguments.draft is not None:
         print(_drafted(diagnosis, arguments.draft))
     return 0
@@ -104,7 +107,7 @@ def _candidates(arguments: argparse.Namespace) -> "tuple[Effect, ...]":
 
 def _added(arguments: argparse.Namespace, candidates: "tuple[Effect, ...]") -> "list[str | Effect]":
     known = {effect.name: effect for effect in candidates}
-    return [known.get(name, name) for name in arguments.add or ()]
+    return [known.get(name, name) for name in dict.fromkeys(arguments.add or ())]
 
 
 def _model(arguments: argparse.Namespace, start: dict[str, float], fixed: dict[str, float]) -> Any:
@@ -121,6 +124,7 @@ def _ask(name: str) -> bool:
 
 
 def _write(diagnosis: "Diagnosis", arguments: argparse.Namespace) -> None:
+    """Write the files that were asked for, and say where they are."""
     if arguments.json is not None:
         write_text(arguments.json, to_json_text(diagnosis.to_json()))
     if arguments.predictions is not None:
@@ -133,3 +137,8 @@ def _write(diagnosis: "Diagnosis", arguments: argparse.Namespace) -> None:
         from sysid.diagnosis.export.saved import save
 
         save(diagnosis.final, arguments.save)
+    results = {"Page": arguments.html, "PDF": arguments.pdf, "JSON": arguments.json}
+    results |= {"Predictions": arguments.predictions, "Model": arguments.save}
+    for name, path in results.items():
+        if path is not None:
+            print(f"{name}: {path}")

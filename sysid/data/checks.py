@@ -144,7 +144,8 @@ def _check_finite(values: Floats, name: str, is_test: NDArray[np.bool_], may_be_
         more = f" (and {count - 1} more)" if count > 1 else ""
         excuse = "; only the output of test rows may be empty" if may_be_empty else ""
         raise DataError(
-            f"row {row + 1}, column {name!r}{more}: the value is {value}: repair or remove the row{excuse}"
+            f"row {row + 1}, column {name!r}{more}: the value is {value}: fill it in, or leave the row out "
+            f"and begin a new experiment there, since the rows are evenly spaced in time{excuse}"
         )
 
 

@@ -85,8 +85,9 @@ class Wanted:
                 raise UsageError(f"column {name!r} is given {times} times as input: give it once")
         if self.time is not None:
             return self.names, self.time
-        if TIME_COLUMN in columns and TIME_COLUMN not in self.names:
-            return (*self.names, TIME_COLUMN), TIME_COLUMN
+        clock = Wanted((), (), TIME_COLUMN).spelt(columns).time
+        if clock is not None and columns.count(clock) == 1 and clock not in self.names:
+            return (*self.names, clock), clock
         return self.names, None
 
 

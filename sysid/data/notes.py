@@ -2,6 +2,7 @@
 
 import json
 import math
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -83,8 +84,10 @@ def read_notes(table: Path) -> Notes:
     )
 
 
-def known_period(stated: float | None, notes: Notes) -> float:
+def known_period(stated: float | None, notes: Notes, clock: str | None = None) -> float:
     """Return the sampling period [s] that was stated or stands in the notes.
+
+    ``clock`` names the column that would tell it.
 
     Raises
     ------
@@ -96,7 +99,7 @@ def known_period(stated: float | None, notes: Notes) -> float:
         why = f" ({notes.warnings[0].rstrip('.')})" if notes.warnings else ""
         raise UsageError(
             f"the sampling period is not known{why}: give it in seconds (--period 0.01) or name the "
-            "time column (--time t)"
+            f"time column (--time {'NAME' if clock is None else shlex.quote(clock)})"
         )
     return period
 

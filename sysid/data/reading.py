@@ -16,7 +16,7 @@ from sysid.data.record import Floats, Record, make_record, names_of
 from sysid.data.registry import EXPERIMENT_COLUMN, SPLIT_COLUMN, registered_path
 from sysid.data.resampling import checked_period, clock_of, resample_table
 from sysid.data.text import detect, read_table
-from sysid.data.times import period_from_times, restarts, seconds_of_dates
+from sysid.data.times import period_from_times, remarks_on_times, restarts, seconds_of_dates
 from sysid.data.units import in_seconds, named_units, time_unit
 from sysid.errors import DataError, UsageError
 
@@ -144,6 +144,8 @@ def _read(
         times = in_seconds(times, wanted.time, unit, remarks)
         if resample is None:
             period = period_from_times(times, groups, wanted.time, period)
+    elif clock is not None and times is not None:
+        remarks += remarks_on_times(times, groups, clock)
     u, y = (
         np.column_stack([_numbers(table, name, path) for name in names])
         for names in (wanted.inputs, wanted.outputs)
@@ -151,14 +153,14 @@ def _read(
     skips = notes.skips(labels) if skip is None else skip
     if resample is not None:
         if wanted.time is None or times is None:
-            times = clock_of(known_period(period, notes), groups, len(u))
+            times = clock_of(known_period(period, notes, clock), groups, len(u))
         rows = resample_table(times, u, y, groups, labels, skips, resample)
         u, y, groups, labels, skips, period = rows.u, rows.y, rows.groups, rows.labels, rows.skip, resample
         remarks.append(rows.remark)
     record = make_record(
         u,
         y,
-        known_period(period, notes),
+        known_period(period, notes, clock),
         name=path.name.removesuffix(".gz").rsplit(".", 1)[0],
         inputs=asked.inputs,
         outputs=asked.outputs,

@@ -47,9 +47,9 @@ class Dialect:
 
 def _open(path: Path) -> bytes:
     """Return the first bytes of the file, decompressed."""
+    if path.is_dir():
+        raise DataError(f"{path} is a folder: give the file with the measurements")
     try:
-        if path.is_dir():
-            raise DataError(f"{path} is a folder: give the file with the measurements")
         with path.open("rb") as raw:
             packed = raw.read(2) == b"\x1f\x8b"
         with gzip.open(path, "rb") if packed else path.open("rb") as stream:

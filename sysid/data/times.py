@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 # Largest deviation of one step from the period.  Times are often printed with few digits.
 STEP_TOLERANCE = 0.05
 PERIOD_TOLERANCE = 0.01
+# A step longer than this many periods lacks rows, unless more steps than this share are odd.
+GAP = 1.5
+ODD_SHARE = 0.005
 # How dates may be written, as pandas takes them.
 _CLOCKS = ("%H:%M:%S.%f", "%H:%M:%S", "%H:%M")
 _DAYS = ("%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%d-%m-%Y", "%Y/%m/%d")
@@ -122,3 +125,38 @@ def period_from_times(
             "leave one of the two out, or repair the time's unit (seconds)"
         )
     return period if stated is None else stated
+
+
+def remarks_on_times(times: Floats, groups: NDArray[np.str_] | None, name: str) -> list[str]:
+    """Return what is odd in times that only tell experiments apart, since the period was given.
+
+    Examples
+    --------
+    >>> times = np.r_[np.arange(300.0), np.arange(320.0, 600.0)]
+    >>> remarks_on_times(times, None, "t")[0][:72]
+    "The time in 't' jumps by 21 at row 301 where the other steps are 1: rows"
+    """
+    inside = np.ones(max(times.size - 1, 0), dtype=bool) if groups is None else groups[1:] == groups[:-1]
+    steps = np.diff(times)
+    if not inside.any() or not np.isfinite(times).all():
+        return []
+    typical = float(np.median(steps[inside]))
+    odd = inside & ~(np.abs(steps - typical) <= STEP_TOLERANCE * abs(typical))
+    if typical <= 0.0 or not 0 < odd.sum() <= max(ODD_SHARE * inside.sum(), 1.0):
+        return []  # no clock, or one that is coarse or irregular throughout
+    wrong = odd & ((steps > GAP * typical) | (steps <= 0.0))
+    if not wrong.any():
+        return []
+    row, others = int(np.argmax(wrong)), int(wrong.sum()) - 1
+    more = f" (and at {others} more row{'s' * (others > 1)})" if others else ""
+    where, normal = f"at row {row + 2}{more}", f"where the other steps are {typical:.6g}"
+    if steps[row] > 0.0:
+        return [
+            f"The time in {name!r} jumps by {steps[row]:.6g} {where} {normal}: rows seem to be missing, and "
+            "the given period takes all rows as evenly spaced; resample by this column, or begin a new "
+            "experiment after the gap."
+        ]
+    return [
+        f"The time in {name!r} goes from {times[row]:g} to {times[row + 1]:g} {where} {normal}: rows seem "
+        "to be doubled or out of order; sort the rows or repair the time."
+    ]

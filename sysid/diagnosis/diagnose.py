@@ -15,7 +15,7 @@ from sysid.diagnosis.decide.verdict import with_a_detail_left
 from sysid.diagnosis.diagnosis import Diagnosis
 from sysid.diagnosis.effects.base import Effect
 from sysid.diagnosis.effects.catalogue import find_effects
-from sysid.diagnosis.ladder import Rung, climb
+from sysid.diagnosis.ladder import Rung, check_places, climb
 from sysid.diagnosis.long_records import LONGEST, Portable, carried, rows_for_one, shortened, thinned
 from sysid.diagnosis.models.unit_check import in_units_of_model
 from sysid.diagnosis.structures.structure import WHITE, Effort, Structure, StructureFit
@@ -117,7 +117,8 @@ def diagnose(
     _check(record, max_effects, alpha, accept)
     if jobs < 1:
         raise UsageError(f"jobs is {jobs}: give 1 or more")
-    model, order, add = taken_up(record, model, order, add)
+    asked = find_effects(add)
+    model, order, add = taken_up(record, model, order, asked)
     long = int(record.learning.sum()) > LONGEST and not hasattr(model, "offered")
     count = rows_for_one(record) if long and model != "linear" else 1
     part, chosen = record, record.learning
@@ -126,6 +127,7 @@ def diagnose(
     structure = structure_of(part, model, order, initial_state, start, fixed)
     candidates = find_effects(effects if effects is not None else [e.name for e in _catalogue()])
     given = find_effects(add)
+    check_places(structure, asked)
     # Blocks are small: further threads of the linear algebra only wait for one another.
     with threadpool_limits(1), bars_of(progress) as bars:
 

@@ -75,6 +75,7 @@ class Diagnosis(Outcome):
                 "rejected": list(self.decision.rejected),
             },
             "sentences": self.sentences(),
+            "warnings": list(record.warnings),
             "seconds": self.seconds,
             "versions": {"sysid": __version__, "numpy": np.__version__},
         }

@@ -32,6 +32,21 @@ from sysid.result_files import finite
 COSTLY = 1.1
 
 
+def check_places(structure: Structure, effects: Sequence[Effect]) -> None:
+    """Raise UsageError unless effects that are to be added have a place in a model."""
+    family = "linear" if getattr(structure, "plant", None) is None else "physics"
+    offered = {effect.name for effect in structure.offered(effects)}
+    for effect in effects:
+        if effect.name in offered and effect.port != "noise":
+            continue
+        why = "the record cannot show it, or a parameter of the model does the same"
+        if family not in effect.families:
+            why = f"it is for {' and '.join(effect.families)} models only"
+        elif effect.port == "noise":
+            why = "a memory of the noise changes no free run, and is looked for anyway"
+        raise UsageError(f"effect {effect.name!r} makes no sense for the model {structure.name!r}: {why}")
+
+
 @dataclass(frozen=True, eq=False)
 class DiagnosedModel:
     """A model with the effects that were added to it.
@@ -52,13 +67,7 @@ class DiagnosedModel:
     def add(self, *effects: str | Effect) -> "DiagnosedModel":
         """Return the model with further effects, to be fitted; a name that makes no sense is refused."""
         chosen = find_effects(effects)
-        offered = {effect.name for effect in self.structure.offered(chosen)}
-        for effect in chosen:
-            if effect.name not in offered or effect.port == "noise":
-                raise UsageError(
-                    f"effect {effect.name!r} makes no sense for the model {self.structure.name!r}: "
-                    "`sysid effects` tells which models it is for"
-                )
+        check_places(self.structure, chosen)
         return DiagnosedModel(self.structure, self.fitted, (*self.added, *chosen))
 
     def fit(self) -> "DiagnosedModel":

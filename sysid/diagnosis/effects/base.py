@@ -15,6 +15,8 @@ Map = Callable[[Floats, Floats, float], Floats]
 
 PORTS = ("input", "output", "force", "gain", "flow", "parallel", "noise")
 FAMILIES = ("linear", "physics")
+# What the expression of a force or gain may hold beside parameters.
+SIGNALS = ("x", "v", "y")
 SLOPES = ("pointwise", "linear", "identity")
 SCALES = (
     "input quantile",
@@ -313,6 +315,24 @@ class Effect:
                 raise ModelError(f"effect {self.name!r}, form {form.name!r}: give apply(sequence, p, period)")
             if self.port in ("force", "gain") and not form.expression:
                 raise ModelError(f"effect {self.name!r}, form {form.name!r}: give an expression")
+            for p in form.parameters:
+                if p.grid and not p.grid.points:
+                    raise ModelError(
+                        f"effect {self.name!r}, parameter {p.name!r}: its grid is empty: give it points"
+                    )
+            names = {*SIGNALS, *(p.name for p in form.parameters), *(["z"] if form.state else [])}
+            for expression in filter(None, (form.expression, form.state)):
+                _parse(self.name, expression, names)
+
+
+def _parse(effect: str, expression: str, names: set[str]) -> None:
+    """Raise ModelError, which names effect and expression, where the grammar does not take it."""
+    from sysid.physics.grammar import parse
+
+    try:
+        parse(expression, names)
+    except ModelError as problem:
+        raise ModelError(f"effect {effect!r}, expression {expression!r}: {problem}") from None
 
 
 def _known(effect: str, what: str, given: Sequence[str], known: Sequence[str]) -> None:

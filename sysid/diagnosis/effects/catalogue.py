@@ -2,9 +2,10 @@
 
 import json
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from difflib import get_close_matches
 from functools import lru_cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
@@ -32,11 +33,27 @@ def catalogue() -> tuple[Effect, ...]:
     """
     found = list(BUILT_IN)
     for entry in entry_points(group=GROUP):
-        loaded = entry.load()
-        if isinstance(loaded, str | Path):
-            loaded = read_effects(Path(loaded))
-        found += [loaded] if isinstance(loaded, Effect) else list(loaded)
+        found += _installed(entry)
     return checked(found)
+
+
+def _installed(entry: EntryPoint) -> list[Effect]:
+    """Return the effects that an installed package brings; what it raises is no error of this one."""
+    place = f"the entry point {entry.name!r} of {GROUP}, {entry.value}"
+    try:
+        loaded = entry.load()
+    except Exception as problem:
+        raise ModelError(
+            f"{place}, cannot be loaded ({problem}): repair the package that brings it, or uninstall it"
+        ) from None
+    if isinstance(loaded, str | Path):
+        return list(read_effects(Path(loaded)))
+    effects = [loaded] if isinstance(loaded, Effect) else loaded
+    if not isinstance(effects, Sequence) or not all(isinstance(effect, Effect) for effect in effects):
+        raise ModelError(
+            f"{place}, is of type {type(loaded).__name__}: name an Effect, a list of them or a TOML file"
+        )
+    return list(effects)
 
 
 def checked(effects: Sequence[Effect]) -> tuple[Effect, ...]:
@@ -50,7 +67,7 @@ def checked(effects: Sequence[Effect]) -> tuple[Effect, ...]:
 
 
 def find_effects(names: Sequence[str | Effect], known: Sequence[Effect] | None = None) -> tuple[Effect, ...]:
-    """Return effects by name; an `Effect` stands for itself.
+    """Return effects by name, a name that comes again once; an `Effect` stands for itself.
 
     Examples
     --------
@@ -64,10 +81,18 @@ def find_effects(names: Sequence[str | Effect], known: Sequence[Effect] | None =
             name.check()
             chosen.append(name)
         elif name in every:
-            chosen.append(every[name])
+            chosen += [every[name]] if name not in [effect.name for effect in chosen] else []
         else:
-            raise ModelError(f"effect {name!r} is not known: choose one of {', '.join(every)}")
+            raise ModelError(f"effect {name!r} is not known{_nearest(name, every)}")
     return checked(chosen)
+
+
+def _nearest(name: object, known: Collection[str]) -> str:
+    """Name the effects that were perhaps meant, or all of them."""
+    near = get_close_matches(str(name).casefold(), known, n=3)
+    if near:
+        return f": did you mean {' or '.join(near)}? `sysid effects` lists all"
+    return f": choose one of {', '.join(known)}"
 
 
 def read_effects(path: Path) -> tuple[Effect, ...]:
@@ -126,7 +151,7 @@ def effect_of_table(name: str, table: Any) -> Effect:
         )
     parameters = tuple(_parameter(name, key, entry) for key, entry in table.get("parameters", {}).items())
     port, expression = str(table.get("port", "force")), table["expression"]
-    apply = _map_of(expression, parameters) if port in ("input", "output") else None
+    apply = _map_of(name, expression, parameters) if port in ("input", "output") else None
     form = Form(name, parameters, apply, "" if apply else expression, smooth=bool(table.get("smooth", True)))
     mechanism, equation, signature, look_alikes, reference = (
         str(table.get(key, expression if key == "equation" else "")) for key in _TEXTS
@@ -139,6 +164,13 @@ def effect_of_table(name: str, table: Any) -> Effect:
 
 
 def _parameter(effect: str, name: str, entry: Any) -> EffectParameter:
+    known = ("unit", "meaning", "grid", "minimum", "maximum")
+    unknown = [key for key in entry if key not in known] if isinstance(entry, dict) else []
+    if unknown:
+        raise ModelError(
+            f"effect {effect!r}, parameter {name!r}: key {unknown[0]!r} is not known: choose "
+            f"{', '.join(known)}"
+        )
     try:
         grid = entry.get("grid")
         return EffectParameter(
@@ -155,8 +187,11 @@ def _parameter(effect: str, name: str, entry: Any) -> EffectParameter:
         raise ModelError(f"effect {effect!r}, parameter {name!r}: {problem!r} in its table") from None
 
 
-def _map_of(expression: str, parameters: Sequence[EffectParameter]) -> Map:
+def _map_of(effect: str, expression: str, parameters: Sequence[EffectParameter]) -> Map:
     """Return the map of an expression in the sample ``s`` and the parameters."""
     from sysid.diagnosis.effects.laws import pointwise
 
-    return pointwise(expression, ("s",), tuple(p.name for p in parameters))
+    try:
+        return pointwise(expression, ("s",), tuple(p.name for p in parameters))
+    except ModelError as problem:
+        raise ModelError(f"effect {effect!r}, expression {expression!r}: {problem}") from None

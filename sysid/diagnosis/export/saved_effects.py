@@ -11,6 +11,7 @@ from sysid.diagnosis.effects.catalogue import effect_of_table, find_effects
 from sysid.diagnosis.effects.input_maps import SWITCHES
 from sysid.diagnosis.physics.laws import with_level
 from sysid.diagnosis.structures.structure import Choice
+from sysid.errors import ModelError
 
 DIVERGES = "the model diverges for this input: keep it within the range it was fitted on"
 
@@ -37,7 +38,13 @@ class SavedEffect:
         """The effect from its definition or from the catalogue."""
         if self.definition:
             return effect_of_table(self.name, json.loads(self.definition))
-        (effect,) = find_effects([self.name])
+        try:
+            (effect,) = find_effects([self.name])
+        except ModelError:
+            raise ModelError(
+                f"the model has an effect {self.name!r} that is not installed here: install the package "
+                "that brings it, or diagnose and save the model again without it"
+            ) from None
         return effect
 
     @cached_property

@@ -54,6 +54,7 @@ def content_of(diagnosis: "Outcome") -> Content:
         Section("Where the baseline fails", items=tuple(finding.sentence for finding in diagnosis.where)),
         Section("What a static map could explain", pictures=tuple(port_pictures(diagnosis.ports))),
         Section("The model", tuple(final.equation().split("\n")), tables=(_parameters(diagnosis),)),
+        Section("To keep in mind", items=diagnosis.record.warnings),
     )
     return Content(
         title=f"{diagnosis.record.name}: what the model {diagnosis.structure.name!r} lacks",
