@@ -132,6 +132,10 @@ def test_each_of_several_inputs_is_named():
     said = found.sentences()
     assert "No linear trace of 'valve' or 'door' is left in the residual on test." in said
     assert any(s.startswith("The residual on test still follows 'heat_er' linearly (") for s in said)
+    before = dataclasses.replace(follows, lags=follows.lags - follows.lags[-1] - 1)
+    later = dataclasses.replace(found, tests=found.tests | {"input_residual_heat_er": before}).sentences()
+    (told,) = (s for s in later if "still follows" in s)
+    assert re.search(r"\(most the input \d+ samples? after it, as a slow input, feedback or columns", told)
     figure, _, reading = correlations(found, WIDE, 2.4)
     assert [axes.get_ylabel() for axes in figure.axes][2] == "heat_er with residual"
     assert "it still follows heat_er linearly" in reading

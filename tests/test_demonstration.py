@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.signal import cont2discrete, dlsim
 
 from sysid.cli import main
-from sysid.commands.demo import SCENES
+from sysid.commands.demo import FOUND_AS, SCENES
 from sysid.demonstration import (
     CANDIDATES,
     MODELS,
@@ -22,7 +22,7 @@ from sysid.demonstration import (
 from sysid.demonstration.effects import LINEAR, NAMES
 from sysid.demonstration.kernels import FORCE_SIZE
 from sysid.demonstration.sealing import reveal, seal
-from sysid.demonstration.share import baseline_share, nonlinear_share
+from sysid.demonstration.share import added_share, baseline_share, nonlinear_share
 from sysid.errors import DataError, UsageError
 
 OSCILLATOR = Plant("mass-spring-damper", {"m": 1.0, "c": 0.3, "k": 4.0}, 0.1)
@@ -270,6 +270,13 @@ def test_demo_makes_a_record_and_reveals_its_truth(tmp_path, capsys):
         (folder / "diagnosis.json").write_text(json.dumps({"accepted": accepted}))
         assert main(["demo", "--reveal", str(folder)]) == 0
         assert sentence in capsys.readouterr().out
+    truth = reveal(folder / "truth.sealed")[0]["effects"][0]["parameters"]
+    ladder = [{"parameters": {"width_positive": {"value": 0.5, "std_error": 0.01, "unit": "V"}}}]
+    (folder / "diagnosis.json").write_text(json.dumps({"accepted": hidden, "ladder": ladder}))
+    assert main(["demo", "--reveal", str(folder)]) == 0
+    told = capsys.readouterr().out
+    assert f"width_negative = {truth['lower']:.4g}\n" in told
+    assert f"width_positive = {truth['upper']:.4g}   (found: 0.500 ± 0.020 V)\n" in told
     (folder / "diagnosis.json").write_text("[]")
     assert main(["demo", "--reveal", str(folder)]) == 2
     assert "not an answer of `sysid diagnose --json`" in capsys.readouterr().err
@@ -293,6 +300,7 @@ def test_every_scene_can_be_played(tmp_path, seed):
     assert main(["demo", "--out", str(tmp_path), "--seed", str(seed)]) == 0
     truth = reveal(tmp_path / "truth.sealed")[0]
     assert (truth["family"], truth["effects"][0]["name"]) == SCENES[seed - 1]
+    assert set(FOUND_AS[SCENES[seed - 1][1]]) <= set(truth["effects"][0]["parameters"])
 
 
 def test_demo_with_a_negative_seed_is_refused(tmp_path, capsys):
@@ -304,3 +312,10 @@ def test_demo_asks_for_a_folder_where_a_file_is_named(tmp_path, capsys):
     (tmp_path / "taken").write_text("")
     assert main(["demo", "--out", str(tmp_path / "taken")]) == 2
     assert "is a file: name a folder" in capsys.readouterr().err
+
+
+def test_an_output_that_stands_still_hides_everything():
+    u, still, poles = np.random.default_rng(0).standard_normal(200), np.zeros(200), np.array([0.5])
+    shares = [nonlinear_share(u, still, poles), baseline_share(u, still, poles)]
+    shares.append(added_share(still, u, u, constant=True))
+    assert shares == [np.inf] * 3

@@ -195,28 +195,46 @@ def test_a_constant_force_of_the_model_itself_is_said():
     assert found.accepted == ("constant_force",)
 
 
-def test_parameters_that_only_count_together_are_named():
-    """Without inductance a motor's speed has a gain and a time constant: two numbers for J, b and K."""
+def motor(load=0.0):
+    """Return the exact speed of a motor without inductance, R = J = K = 1, b = 0.5, under held voltages."""
     u = np.repeat(np.random.default_rng(5).uniform(-1.0, 1.0, 60), 5)
     speed, y = 0.0, []
-    for value in u:  # exact for a held input: R = J = K = 1, b = 0.5
+    for value in u - load:
         y.append(speed)
         speed = value / 1.5 + (speed - value / 1.5) * np.exp(-0.15)
-    record = make_record(u, np.array(y) + 1e-3 * np.random.default_rng(6).standard_normal(u.size), period=0.1)
+    return make_record(u, np.array(y) + 1e-3 * np.random.default_rng(6).standard_normal(u.size), period=0.1)
+
+
+def test_parameters_that_only_count_together_are_named():
+    """Without inductance a motor's speed has a gain and a time constant: two numbers for J, b and K."""
 
     def said(**fixed):
         found = sysid.diagnose(
-            record,
-            "dc-motor",
-            initial_state="rest",
-            effects=["in_deadzone"],
-            fixed={"R": 1.0, "L": 1e-4} | fixed,
+            motor(), "dc-motor", initial_state="rest", effects=["in_deadzone"], fixed={"L": 1e-4} | fixed
         )
         return [sentence for sentence in found.sentences() if "only together" in sentence]
 
-    (sentence,) = said()
+    (sentence,) = said(R=1.0)
     assert sentence.startswith("The record determines J, b and K only together")
-    assert said(K=1.0) == []
+    assert said(R=1.0, K=1.0) == []
+
+
+def test_forces_in_a_model_too_fast_to_be_simulated_are_said_not_to_be_tried():
+    """A larger inductance, which the record hardly shows either, lets them be tried."""
+
+    def found(inductance):
+        fixed = {"R": 1.0, "L": inductance, "K": 1.0}
+        return sysid.diagnose(
+            motor(load=0.15), "dc-motor", initial_state="rest", effects=["constant_force"], fixed=fixed
+        )
+
+    said = [sentence for sentence in found(1e-4).sentences() if "could not be tried" in sentence]
+    assert len(said) == 1
+    assert said[0].startswith("constant_force could not be tried: the model has a motion of 100 µs")
+    slower = found(1e-3)
+    assert slower.accepted == ("constant_force",)
+    assert slower.final.parameters[-1].value == pytest.approx(0.15, rel=0.05)
+    assert not any("could not be tried" in sentence for sentence in slower.sentences())
 
 
 def test_effects_are_added_by_hand_and_offered_only_where_they_make_sense():
@@ -410,6 +428,8 @@ def test_the_command_writes_what_others_read(tmp_path, capsys):
     page = files["html"].read_text()
     assert "What in_saturation does" in page
     assert "≤ 0.0005" in page
+    assert "in_<wbr>saturation: level" in page  # a name goes on in the next line of a narrow cell
+    assert "±\N{NO-BREAK SPACE}" in page
     assert files["pdf"].read_bytes().startswith(b"%PDF")
     saved = load(files["toml"])
     u = make_case("in_saturation")[0]

@@ -224,7 +224,10 @@ def test_the_command_lists_and_explains(capsys):
     listed = capsys.readouterr().out
     assert all(name in listed for name in NAMES)
     assert main(["effects", "in_backlash"]) == 0
-    assert "play operator" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "play operator" in told
+    assert "width in [u]: half the gap (tried from 0.05 to 0.88 x the input's swing)" in told
+    assert "[u], [y], [F], [x] and [v] stand for the units" in told
     assert main(["effects", "in_backlsh"]) == 2
     assert "effect 'in_backlsh' is not known" in capsys.readouterr().err
 

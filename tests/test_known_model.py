@@ -146,7 +146,7 @@ def test_a_diagnosis_goes_on_from_a_saved_model():
     found = sysid.diagnose(record, saved_linear(), effects=["in_deadzone", "out_quadratic", "in_delay"])
     assert found.accepted == ("in_saturation", "out_quadratic")
     assert found.sentences()[0] == "Missing in the model with in_saturation: out_quadratic."
-    assert found.advice.startswith("Add out_quadratic.")
+    assert found.advice.startswith("out_quadratic was added. The model is kept with --save")
     limit = found.final.fitted.parameters_of("in_saturation")[0]
     assert abs(limit.value - 0.5) < 4 * limit.std_error
 

@@ -98,7 +98,7 @@ def test_a_curve_is_drafted_given_back_and_explains_what_nothing_else_did(damped
     assert found["verdict"] == "unexplained"
     (told,) = (sentence for sentence in found["sentences"] if sentence.startswith("By this curve"))
     assert float(told.split()[7]) == pytest.approx(1.5, rel=0.25)  # a smooth curve of a few knots
-    assert "v^3 opposes the input, where v is the velocity" in told
+    assert "v^3, in N, opposes the input, where v is the velocity in m/s" in told
     assert str(draft) in capsys.readouterr().out.splitlines()[-1]
     (effect,) = effects_in(draft.read_text(), "the draft")
     assert (effect.port, effect.name) == ("force", "velocity_curve")

@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from sysid.diagnosis.pages.report_words import _headline, _rung, _with_spread
+from sysid.diagnosis.pages.report_words import _headline, _loose, _rung, _with_spread
 from sysid.diagnosis.structures.structure import FittedParameter
 
 
@@ -33,3 +33,19 @@ def test_several_effects_are_listed_as_a_sentence_lists_them():
 def test_an_interval_in_percent_is_no_share_of_its_value():
     width = FittedParameter("width", 26.1, 0.56, "%")
     assert _with_spread(width) == "width = (26.1 ± 1.1) %"
+
+
+def test_a_force_that_was_found_shares_the_scale_of_the_model():
+    """Inertia, gain and friction are known only together; a force that was given may just not be there."""
+    vague = [FittedParameter(name, 1.0, 2.0, "") for name in ("J", "K")]
+    friction = FittedParameter("Fc", 0.3, 0.4, "N m", "coulomb")
+    choice = SimpleNamespace(effect=SimpleNamespace(name="coulomb", port="force"))
+    final = SimpleNamespace(parameters=(*vague, friction), fitted=SimpleNamespace(choices=(choice,)))
+    structure = SimpleNamespace(plant=object())
+
+    def said(given):
+        decision = SimpleNamespace(given=given)
+        return _loose(SimpleNamespace(structure=structure, final=final, decision=decision))[0]
+
+    assert said(()).startswith("The record determines J, K and Fc only together")
+    assert said(("coulomb",)).startswith("The record determines J and K only together")

@@ -11,6 +11,7 @@ import numpy as np
 
 from sysid.demonstration import Case, Difficulty, draw_case
 from sysid.demonstration.sealing import reveal, seal
+from sysid.diagnosis.wording import plus_minus, value_beside
 from sysid.errors import DataError, UsageError
 
 RECORD, TRUTH, DIAGNOSIS = "record.csv", "truth.sealed", "diagnosis.json"
@@ -40,6 +41,18 @@ MECHANISMS = {
     "overflow": "a tank that overflows",
     "out_saturation": "saturation of the sensor",
 }
+
+FOUND_AS = {
+    "coulomb": {"friction": "Fc"},
+    "cubic_stiffness": {"stiffness": "k3"},
+    "in_deadzone": {"lower": "width_negative", "upper": "width_positive"},
+    "in_backlash": {"lower": "width_negative", "upper": "width_positive"},
+    "in_saturation": {"lower": "level_negative", "upper": "level_positive"},
+    "out_saturation": {"lower": "level_negative", "upper": "level_positive"},
+    "overflow": {"rim": "limit_2"},
+    "sqrt_outflow": {},
+}
+"""Names that the diagnosis has for the true parameters; what else was drawn says nothing to its reader."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -102,23 +115,49 @@ def _reveal(folder: Path) -> list[str]:
         f"Hidden in the {truth['family']}: {', '.join(f'{n} ({MECHANISMS[n]})' for n in names)}; "
         f"fingerprint {fingerprint}."
     ]
+    answer = _answer(folder / DIAGNOSIS) if (folder / DIAGNOSIS).exists() else None
     for effect in truth["effects"]:
-        lines += [f"    {name} = {value:.4g}" for name, value in effect["parameters"].items()]
+        lines += _parameters(effect, {} if answer is None else _found(answer))
     lines.append(
-        f"{100 * truth['share']:.0f} % of the output variance were beyond any linear model; "
-        f"the noise was {truth['snr']:.0f} dB below the signal."
+        f"{100 * truth['share']:.0f} % of the output's variance, from rest on, is beyond any linear model; "
+        f"the noise is {truth['snr']:.0f} dB below the signal."
     )
-    if (folder / DIAGNOSIS).exists():
-        accepted = _accepted(folder / DIAGNOSIS)
+    if answer is not None:
+        accepted = [str(name) for name in answer["accepted"]]
         said = ", ".join(accepted) if accepted else "nothing"
         agreement = "It agrees." if set(accepted) == set(names) else "It does not agree."
         lines.append(f"The diagnosis added {said}. {agreement}")
     return lines
 
 
-def _accepted(path: Path) -> list[str]:
+def _parameters(effect: dict[str, Any], found: dict[str, Any]) -> list[str]:
+    """Return the true parameters of an effect under the diagnosis's names, beside what it found."""
+    lines = []
+    for drawn, name in FOUND_AS[effect["name"]].items():
+        value = effect["parameters"][drawn]
+        estimate = found.get(name) or found.get(name.partition("_")[0])  # one for both sides
+        beside = f"   (found: {_with_interval(estimate)})" if estimate else ""
+        lines.append(f"    {name} = {value:.4g}{beside}")
+    return lines
+
+
+def _with_interval(estimate: dict[str, Any]) -> str:
+    spread = float("nan") if estimate["std_error"] is None else estimate["std_error"]
+    words = (value_beside(estimate["value"], spread), plus_minus(spread), estimate["unit"])
+    return " ".join(word for word in words if word)
+
+
+def _found(answer: dict[str, Any]) -> dict[str, Any]:
+    """Return the parameters of the final model, with their names."""
+    ladder = answer.get("ladder")
+    return dict(ladder[-1]["parameters"]) if ladder else {}
+
+
+def _answer(path: Path) -> dict[str, Any]:
+    """Return what `sysid diagnose --json` wrote."""
     try:
-        answer: Any = json.loads(path.read_text(encoding="utf-8"))
-        return [str(name) for name in answer["accepted"]]
+        answer: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        answer["accepted"] = list(answer["accepted"])
+        return answer
     except (ValueError, KeyError, TypeError):
         raise DataError(f"{path} is not an answer of `sysid diagnose --json`; run it again.") from None

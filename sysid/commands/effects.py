@@ -10,6 +10,8 @@ from sysid.diagnosis.effects.catalogue import catalogue, checked, find_effects, 
 if TYPE_CHECKING:
     from rich.console import Console
 
+UNITS = "[u], [y], [F], [x] and [v] stand for the units of input, output, force, position and speed."
+
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the list of effects, or explain those that are named."""
@@ -27,6 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.effects:
         for effect in find_effects(arguments.effects, known):
             _explain(console, effect)
+        console.print(UNITS, markup=False, soft_wrap=True)
         return 0
     from rich.table import Table
 
@@ -55,7 +58,7 @@ def _explain(console: "Console", effect: Effect) -> None:
     for form in effect.forms:
         console.print(f"    form         {form.name}", markup=False)
         for parameter in form.parameters:
-            unit = f" [{parameter.unit}]" if parameter.unit != "1" else ""
+            unit = f" in {parameter.unit}" if parameter.unit != "1" else ""
             kind = "strength" if parameter.is_strength else _grid(parameter)
             console.print(
                 f"                 {parameter.name}{unit}: {parameter.meaning} ({kind})",
@@ -68,4 +71,6 @@ def _explain(console: "Console", effect: Effect) -> None:
 def _grid(parameter: EffectParameter) -> str:
     assert parameter.grid is not None
     points = parameter.grid.points
-    return f"tried from {points[0]:.3g} to {points[-1]:.3g} x {parameter.grid.scale}"
+    scale = parameter.grid.scale
+    by = {"plain": "", "input swing quantile": " x the input's swing", "output count": " x output deviation"}
+    return f"tried from {points[0]:.3g} to {points[-1]:.3g}{by.get(scale, f' x {scale}')}"

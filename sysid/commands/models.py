@@ -17,6 +17,11 @@ BLACK_BOXES = {
     "linear": "A(q) y = B(q) u + constant",
     "state-space": "x(k+1) = A x(k) + B u(k), y(k) = C x(k) + D u(k) + offset",
     "hammerstein-<map>": "A(q) y = B(q) N(u) + constant, N a saturation, dead-zone, preload, relay, ...",
+    "hammerstein": "A(q) y = B(q) f(u) + constant, f a map of free form",
+    "wiener": "y = f(w), A(q) w = B(q) u, f a map of free form",
+    "wiener-hammerstein": "y = G2(q) f(G1(q) u), f a spline",
+    "lft": "A(q) y = B(q) u + G(q) f(z) + e, f a spline of lagged inputs and outputs z",
+    "piecewise-affine": "A(q) y = B(q) u + G(q) f(z) + e, f affine in each of several regions",
     "local-linear": "x(k+1) = sum of p_i(u(k)) (A_i x(k) + B_i u(k) + O_i), y(k) = C x(k)",
 }
 

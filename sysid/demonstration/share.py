@@ -29,9 +29,9 @@ def nonlinear_share(u: Floats, y: Floats, poles: Complexes) -> float:
     Returns
     -------
     float
-        Infinite if y is.
+        Infinite if y is, or stands still behind an effect that hides all.
     """
-    if not np.all(np.isfinite(y)) or np.abs(y).max() > 1e9:
+    if _shows_nothing(y):
         return float("inf")
     repeated = np.real(np.poly(np.r_[poles, poles]))
     found = steiglitz_mcbride(u, y, poles.size + _EXTRA_ORDER)
@@ -44,7 +44,7 @@ def baseline_share(u: Floats, y: Floats, poles: Complexes) -> float:
     As `nonlinear_share`, for effects that are linear themselves: B/A u, without direct term, delay or
     constant, fitted to the free run.
     """
-    if not np.all(np.isfinite(y)) or np.abs(y).max() > 1e9:
+    if _shows_nothing(y):
         return float("inf")
     order = poles.size
     starts = (np.real(np.poly(poles)), steiglitz_mcbride(u, y, order))
@@ -56,12 +56,16 @@ def added_share(y: Floats, before: Floats, u: Floats, *, constant: bool) -> floa
 
     For the second of two effects: how much is missing without it, whatever the first one does.
     """
-    if not np.all(np.isfinite(y)) or np.abs(y).max() > 1e9:
+    if _shows_nothing(y):
         return float("inf")
     columns = [_shifted(signal, i) for signal in (before, u) for i in range(1, _TAPS)] + [before]
     columns += [np.ones_like(y)] if constant else []
     matrix = np.column_stack(columns)
     return float(np.mean((y - matrix @ _solve(matrix, y)) ** 2) / np.var(y))
+
+
+def _shows_nothing(y: Floats) -> bool:
+    return not np.all(np.isfinite(y)) or np.abs(y).max() > 1e9 or np.ptp(y) == 0.0
 
 
 def steiglitz_mcbride(u: Floats, y: Floats, order: int) -> Floats:

@@ -64,7 +64,7 @@ def _by_verdict(structure: Structure, decision: Decision, accepted: Sequence[str
         )
     physical = [name for name in accepted if name != NOISE_EFFECT]
     found = [name for name in physical if name not in decision.given]
-    sentence = f"Add {all_of(found)}." if found else "The effect that was found was not added."
+    sentence = _added(found) if found else "The effect that was found was not added."
     if decision.given and not found:
         sentence = "Keep what was given."
     if physical and decision.left_p_value < LEFT_P_VALUE and decision.left_share > TRACE_SHARE:
@@ -75,6 +75,14 @@ def _by_verdict(structure: Structure, decision: Decision, accepted: Sequence[str
     for tie in decision.ties:
         sentence += f" {_tie([trial.name for trial in tie])}{_experiment(structure, tie, decision.floor)}"
     return sentence + _loop(decision)
+
+
+def _added(names: Sequence[str]) -> str:
+    """Say that effects are in the model, and what can be done with it."""
+    return (
+        f"{all_of(names)} {'were' if len(names) > 1 else 'was'} added. The model is kept with --save FILE, "
+        "and judged on another record with sysid compare RECORD --model FILE."
+    )
 
 
 def _loop(decision: Decision) -> str:

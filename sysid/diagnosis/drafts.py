@@ -108,10 +108,14 @@ def law_in_words(curve: "PortCurve") -> str:
     parts = [f"{significant(value)} {term}" for term, value in zip(law.terms, law.values, strict=True)]
     text = " + ".join(parts if port == "force" else [signal, *parts]).replace("+ -", "- ").replace("**", "^")
     what = {"input": "the input", "output": "the model's output"}.get(curve.port, f"the {curve.port}")
+    gives, of = (f" in {' '.join(unit.split())}" if unit else "" for unit in (curve.result_unit, curve.unit))
+    gives = f",{gives}," if gives else ""
     does = (
-        f"a force of nearly {text} opposes the input" if port == "force" else f"{what} becomes nearly {text}"
+        f"a force of nearly {text}{gives} opposes the input"
+        if port == "force"
+        else f"{what} becomes nearly {text}"
     )
-    return f"By this curve {does}, where {signal} is {what}: --draft FILE writes it as an effect."
+    return f"By this curve {does}, where {signal} is {what}{of}: --draft FILE writes it as an effect."
 
 
 def draft_of(curves: "Sequence[PortCurve]", record: Record, structure: Structure) -> str:

@@ -238,7 +238,16 @@ def _chain(expression: Operation, a: Expression, da: Expression) -> Expression:
 
 
 def text(expression: Expression) -> str:
-    """Return an expression as a reader writes it."""
+    """Return an expression as a reader writes it.
+
+    Examples
+    --------
+    >>> zeta, w = Symbol("zeta"), Symbol("w")
+    >>> text(Operation("*", (Operation("*", (Number(-2.0), zeta)), w)))
+    '-2*zeta*w'
+    >>> text(Operation("-", (w, Operation("*", (Number(-2.0), zeta)))))
+    'w - (-2*zeta)'
+    """
     if isinstance(expression, Number):
         return f"{expression.value:.12g}"
     if isinstance(expression, Symbol):
@@ -251,6 +260,7 @@ def text(expression: Expression) -> str:
         return f"-{_wrapped(arguments[0], level)}"
     left = _wrapped(arguments[0], level + (name == "**"))
     right = _wrapped(arguments[1], level + (name in ("-", "/", "*")))
+    right = f"({right})" if right.startswith("-") else right
     gap = "" if name in ("*", "/", "**") else " "
     return f"{left}{gap}{name}{gap}{right}"
 
@@ -258,7 +268,7 @@ def text(expression: Expression) -> str:
 def _wrapped(expression: Expression, level: int) -> str:
     own = _PRECEDENCE.get(expression.name, 9) if isinstance(expression, Operation) else 9
     if isinstance(expression, Number) and expression.value < 0:
-        own = 0
+        own = _PRECEDENCE["neg"]
     return f"({text(expression)})" if own < level else text(expression)
 
 

@@ -182,9 +182,14 @@ def _whiteness_sentence(test: CorrelationTest, judged: str) -> str:
 def _follows_sentence(name: str, test: CorrelationTest, judged: str) -> str:
     named = name.removeprefix(INPUT_RESIDUAL).removeprefix("_")
     worst = int(test.lags[np.argmax(np.abs(test.correlation) / test.band)])
+    samples = f"{abs(worst)} sample{'s' * (abs(worst) != 1)}"
+    when = "of the same sample" if not worst else f"{samples} {'before' if worst > 0 else 'after'} it"
+    hint = (
+        ", as a slow input, feedback or columns that are not aligned in time bring about" if worst < 0 else ""
+    )
     return (
         f"The residual on {judged} still follows {repr(named) if named else 'the input'} linearly "
-        f"(largest at lag {worst}; {test.outside} of {test.lags.size} lags outside their 99 % band)."
+        f"(most the input {when}{hint}; {test.outside} of {test.lags.size} lags outside their 99 % band)."
     )
 
 

@@ -75,12 +75,15 @@ def _ladder_table(diagnosis: "Outcome", judged: str) -> Table:
                 rung.effect or "baseline",
                 _number(entry["rmse"], lambda v: quantity(v, unit)),
                 _number(entry["nrmse"], percent),
-                "" if low is None or high is None else f"{percent(low)} to {percent(high)}",
+                ""
+                if low is None or high is None
+                else f"{percent(low).removesuffix(' %')} to {percent(high)}",
                 percent(min(rung.removed, 1.0)) if rung.step else "",
             )
         )
-    columns = ("added", ">RMSE", ">NRMSE", ">95 % interval", ">explainable error removed")
-    return Table(f"Free run on {judged}; the last column on the validation rows.", columns, tuple(rows))
+    columns = ("added", ">RMSE", ">NRMSE", ">95 % interval", ">removed")
+    removed = "removed: share of the explainable error, on the validation rows"
+    return Table(f"Free run on {judged}; {removed}.", columns, tuple(rows))
 
 
 def _candidates(diagnosis: "Outcome") -> Table:
@@ -94,7 +97,9 @@ def _candidates(diagnosis: "Outcome") -> Table:
             ", ".join(
                 f"{name} = {_number(p['value'], significant)} {p['unit']}".rstrip()
                 for name, p in entry["parameters"].items()
-            ),
+            )
+            if entry["nrmse_validation"] is not None
+            else "no place in this model, or no fit",
         )
         for entry in entries
     )
@@ -110,8 +115,15 @@ def _parameters(diagnosis: "Outcome") -> Table:
             p.unit,
         )
         for p in diagnosis.final.parameters
-    )
+    ) + _known(diagnosis)
     return Table("With 95 % intervals.", ("parameter", ">value", ">interval", "unit"), rows)
+
+
+def _known(diagnosis: "Outcome") -> tuple[tuple[str, ...], ...]:
+    """Return the rows of a physical model's parameters that were fixed."""
+    model = getattr(diagnosis.structure, "model", None)
+    fixed = () if model is None else [p for p in model.parameters if p.status == "fixed"]
+    return tuple((p.name, significant(p.start, 4), "fixed", p.unit) for p in fixed)
 
 
 def _chance(p_value: float) -> str:

@@ -1,7 +1,7 @@
 """What all figures of a page share: pictures for wide and narrow screens, curves, legends, labels."""
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 # A curve of more points is drawn as the largest and smallest value of so many stretches.
 STRETCHES = 600
 WIDE, NARROW = 7.2, 3.7
+# Columns of a legend; the width of a letter and of a line with its gaps in it [inch].
+MOST_COLUMNS, LETTER, HANDLE = 4, 0.053, 0.55
 MEASURED, MODEL = "measured", "model, free run"
 
 
@@ -92,11 +94,30 @@ def line_look(index: int) -> dict[str, Any]:
 
 
 def legend(axes: Any) -> None:
-    """Put the legend above the axes."""
-    if axes.get_legend_handles_labels()[1]:
+    """Put the legend above the axes, in as many columns as the figure has room for."""
+    labels = axes.get_legend_handles_labels()[1]
+    if labels:
+        columns = legend_columns(labels, axes.figure.get_figwidth())
         axes.legend(
-            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.1, columnspacing=1.2
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, borderaxespad=0.1, columnspacing=1.2
         )
+
+
+def legend_columns(labels: Sequence[str], width: float) -> int:
+    """Return the columns of a legend in a figure of a width [inch].
+
+    Examples
+    --------
+    >>> names = ["free curve, 95 % band", "in_deadzone", "without it"]
+    >>> legend_columns(names, WIDE), legend_columns(names, NARROW)
+    (4, 2)
+    """
+    for columns in range(MOST_COLUMNS, 1, -1):
+        rows = -(-len(labels) // columns)  # a column is filled before the next one
+        longest = [max(map(len, labels[i : i + rows])) for i in range(0, len(labels), rows)]
+        if LETTER * sum(longest) + HANDLE * len(longest) <= width - HANDLE:
+            return columns
+    return 1
 
 
 def axis_label(record: Any, name: str) -> str:

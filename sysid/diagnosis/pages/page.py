@@ -35,18 +35,25 @@ def render(content: "Content") -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(tied=_tied, embedded=_embedded)
+    environment.filters.update(tied=_tied, breakable=_breakable, embedded=_embedded)
     return environment.get_template("compare.html").render(
         css=files("sysid.reporting").joinpath("page.css").read_text(encoding="utf-8"), content=content
     )
 
 
 def _tied(text: str) -> "Markup":
-    """Keep a percent sign on the line of its number, and an option of the command line in one piece."""
+    """Keep numbers beside their % and ±, and an option of the command line in one piece."""
     from markupsafe import Markup, escape
 
-    escaped = str(escape(text)).replace(" %", "\N{NO-BREAK SPACE}%")
+    escaped = str(escape(text)).replace(" %", "\N{NO-BREAK SPACE}%").replace("± ", "±\N{NO-BREAK SPACE}")
     return Markup(OPTION.sub(r'<code class="option">\g<0></code>', escaped))  # every other mark is escaped
+
+
+def _breakable(text: str) -> "Markup":
+    """Let a name of a table's cell go on in the next line after its underscore, so that a phone has room."""
+    from markupsafe import Markup
+
+    return Markup(str(_tied(text)).replace("_", "_<wbr>"))
 
 
 def _embedded(svg: str) -> str:

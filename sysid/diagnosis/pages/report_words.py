@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.diagnosis.drafts import law_in_words
+from sysid.diagnosis.effects.catalogue import catalogue
 from sysid.diagnosis.pages.mechanism_words import mechanism
 from sysid.diagnosis.residuals import EXACT
 from sysid.diagnosis.wording import NORMAL_95, all_of, percent, plus_minus, quantity, value_beside
@@ -22,6 +23,8 @@ LEAST_TREND, LEAST_GROWTH = 3.3, 1.5
 UNRELATED = 0.98
 # Half an interval of a coefficient of the denominator that leaves poles open: they lie within a unit circle.
 LOOSE_POLES = 0.5
+# A Runge-Kutta step of fourth order is stable up to this product with the rate of a decay.
+RUNGE_KUTTA_STABLE = 2.78
 # A free run within this factor of the floor is down to it: both are estimates, from different rows.
 AT_FLOOR = 1.1
 
@@ -39,7 +42,7 @@ def sentences(diagnosis: "Outcome") -> list[str]:
     for rung in ladder[1:]:
         for p in ladder[-1].model.fitted.parameters_of(rung.effect):
             found.append(f"{rung.effect}: {_with_spread(p)}")
-    found += _loose(diagnosis) + _unrelated(diagnosis) + _own_constant(diagnosis)
+    found += _loose(diagnosis) + _unrelated(diagnosis) + _own_constant(diagnosis) + _too_fast(diagnosis)
     found += _growing(diagnosis, judged, unit)
     for port in diagnosis.ports[:1]:
         found += [port.sentence, *filter(None, [law_in_words(port)])]
@@ -67,12 +70,13 @@ def _loose(diagnosis: "Outcome") -> list[str]:
     """Name the parameters of a model that the record leaves open."""
     if getattr(diagnosis.structure, "plant", None) is None:
         return _loose_poles(diagnosis)
-    loose = [
-        p.name
-        for p in diagnosis.final.parameters
-        if not p.owner and not NORMAL_95 * p.std_error < abs(p.value)
-    ]
-    if len(loose) < 2:
+    # A force that was found has the model's scale; one that was given may be small because it is not there.
+    found = [effect for effect in _effects(diagnosis) if effect.name not in diagnosis.decision.given]
+    forces = {effect.name for effect in found if effect.port == "force"}
+    shared = [p for p in diagnosis.final.parameters if not p.owner or p.owner in forces]
+    vague = [p for p in shared if not NORMAL_95 * p.std_error < abs(p.value)]
+    loose = [p.name for p in vague]
+    if len(loose) < 2 or all(p.owner for p in vague):
         return []
     return [
         f"The record determines {', '.join(loose[:-1])} and {loose[-1]} only together, each by itself less "
@@ -146,6 +150,29 @@ def _own_constant(diagnosis: "Outcome") -> list[str]:
     if not asked or not own:
         return []
     return [f"constant_force: a constant force is part of the model already, {_with_spread(own[0])}."]
+
+
+def _too_fast(diagnosis: "Outcome") -> list[str]:
+    """Name the candidates inside a model that no step in a sample is short enough for."""
+    from sysid.physics.forced import MOST_SUBSTEPS, ForcedPlant
+
+    structure = diagnosis.structure
+    plant = getattr(structure, "plant", None)
+    if not isinstance(plant, ForcedPlant):
+        return []
+    values = structure.setting.values_of(diagnosis.decision.baseline.point)  # type: ignore[attr-defined]
+    rate = float(np.abs(plant.poles(values)).max(initial=0.0))
+    untried = {trial.name for trial in diagnosis.decision.trials if trial.fit is None}
+    inside = [e.name for e in catalogue() if e.name in untried and e.port in ("force", "gain", "flow")]
+    if rate <= RUNGE_KUTTA_STABLE * MOST_SUBSTEPS or not inside:
+        return []
+    shortest, period = quantity(plant.period / rate, "s"), quantity(plant.period, "s")
+    return [
+        f"{all_of(inside)} could not be tried: the model has a motion of {shortest}, too short to be "
+        f"simulated step by step over a sampling period of {period}. Fix the parameter behind it (an "
+        "inductance or a mass that is next to nothing) at a larger value: as long as the motion stays far "
+        "below the period, the record hardly shows it."
+    ]
 
 
 def _with_spread(parameter: "FittedParameter") -> str:
