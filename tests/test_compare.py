@@ -132,6 +132,9 @@ def test_each_of_several_inputs_is_named():
     said = found.sentences()
     assert "No linear trace of 'valve' or 'door' is left in the residual on test." in said
     assert any(s.startswith("The residual on test still follows 'heat_er' linearly (") for s in said)
+    assert not any("sysid diagnose" in s for s in said)
+    coloured = dataclasses.replace(found, tests=found.tests | {"whiteness": follows})
+    assert "looked for by sysid diagnose" in coloured.sentences()[-1]
     before = dataclasses.replace(follows, lags=follows.lags - follows.lags[-1] - 1)
     later = dataclasses.replace(found, tests=found.tests | {"input_residual_heat_er": before}).sentences()
     (told,) = (s for s in later if "still follows" in s)

@@ -57,7 +57,18 @@ def sentences(comparison: "Judgement") -> list[str]:
     found += [port.sentence for port in comparison.ports[:1] if port.explains_at_most >= WORTH_TELLING]
     if comparison.distortion.available:
         found.append(f"{comparison.distortion.reason}.")
-    return [*found, *comparison.model.notes]
+    return [*found, *comparison.model.notes, *_next_step(comparison)]
+
+
+def _next_step(comparison: "Judgement") -> list[str]:
+    """Say what to do where something is left that a linear or physical model may lack."""
+    from sysid.diagnosis.models.adapters import LinearModel, PhysicalModel
+
+    tests = nonlinear_tests_of(comparison)
+    left = not comparison.tests["whiteness"].passed or any(not test.passed for test in tests.values())
+    if not left or not isinstance(comparison.model, LinearModel | PhysicalModel):
+        return []
+    return ["What is missing in the model is looked for by sysid diagnose, with the same options."]
 
 
 def linear_test_sentences(comparison: "Judgement") -> list[str]:
