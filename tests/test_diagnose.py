@@ -253,6 +253,7 @@ def test_accepting_nothing_leaves_the_baseline():
     assert found.accepted == ()
     assert len(found.ladder) == 1
     assert any(sentence.endswith("what lies above it is the model's.") for sentence in found.sentences())
+    assert found.advice.startswith("in_saturation was found and not added: --add, or --accept auto")
     refused = sysid.diagnose(record, order=2, initial_state="rest", effects=FEW, accept=lambda name: False)
     assert refused.accepted == ()
 

@@ -64,7 +64,8 @@ def _by_verdict(structure: Structure, decision: Decision, accepted: Sequence[str
         )
     physical = [name for name in accepted if name != NOISE_EFFECT]
     found = [name for name in physical if name not in decision.given]
-    sentence = _added(found) if found else "The effect that was found was not added."
+    refused = [name for name in decision.accepted if name not in (*accepted, *decision.given, NOISE_EFFECT)]
+    sentence = _added(found) if found else _not_added(refused)
     if decision.given and not found:
         sentence = "Keep what was given."
     if physical and decision.left_p_value < LEFT_P_VALUE and decision.left_share > TRACE_SHARE:
@@ -82,6 +83,14 @@ def _added(names: Sequence[str]) -> str:
     return (
         f"{all_of(names)} {'were' if len(names) > 1 else 'was'} added. The model is kept with --save FILE, "
         "and judged on another record with sysid compare RECORD --model FILE."
+    )
+
+
+def _not_added(names: Sequence[str]) -> str:
+    """Say that effects were found and are not in the model."""
+    was, options = ("were", "--add for each") if len(names) > 1 else ("was", "--add")
+    return (
+        f"{all_of(names)} {was} found and not added: {options}, or --accept auto, puts that into the model."
     )
 
 

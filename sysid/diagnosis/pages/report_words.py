@@ -60,7 +60,7 @@ def _noise_floor(diagnosis: "Outcome", judged: str, unit: str) -> list[str]:
     floor, left = diagnosis.noise_floor, diagnosis.ladder[-1].scores[judged]["rmse"]
     if not np.isfinite(floor):
         return []
-    reached = left is not None and left < AT_FLOOR * floor
+    reached = left is not None and left <= AT_FLOOR * floor
     unexplained = diagnosis.verdict == "unexplained"
     rest = "what is left is noise" if reached else "what lies above it is the model's"
     return [f"Noise floor: {quantity(floor, unit)} RMSE{'' if reached and unexplained else f'; {rest}'}."]
