@@ -1,6 +1,7 @@
 """The diagnosis: verdicts, evidence, the command, files."""
 
 import csv
+import io
 import json
 from dataclasses import replace
 
@@ -435,6 +436,18 @@ def test_the_command_writes_what_others_read(tmp_path, capsys):
     saved = load(files["toml"])
     u = make_case("in_saturation")[0]
     assert np.allclose(saved.simulate(u), [float(row["final"]) for row in rows], rtol=1e-9, atol=1e-12)
+
+
+def test_what_was_found_is_told_before_it_is_asked_for(tmp_path, capsys, monkeypatch):
+    data = tmp_path / "case.csv"
+    write_csv(data, *make_case("in_saturation"))
+    known = ["diagnose", str(data), "--order", "2", "--period", "1", "--split-column", "set"]
+    monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))
+    assert main([*known, "--effects", "in_saturation", "--initial-state", "rest", "--accept", "ask"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("in_saturation is missing in the model. The actuator reaches its limit")
+    assert "Add in_saturation? [y/N] " in said
+    assert "in_saturation was added." in said
 
 
 @pytest.mark.parametrize(

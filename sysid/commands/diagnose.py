@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sysid.commands.model_options import assigned_values
@@ -46,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
             effects=candidates,
             max_effects=arguments.max_effects,
             alpha=arguments.alpha,
-            accept=_ask if arguments.accept == "ask" else arguments.accept,
+            accept=partial(_ask, candidates) if arguments.accept == "ask" else arguments.accept,
             add=_added(arguments, candidates),
             start=start,
             fixed=fixed,
@@ -117,8 +118,11 @@ def _model(arguments: argparse.Namespace, start: dict[str, float], fixed: dict[s
     return arguments.model
 
 
-def _ask(name: str) -> bool:
-    """Ask on the terminal; no answer means no."""
+def _ask(candidates: "tuple[Effect, ...]", name: str) -> bool:
+    """Say what was found and ask on the terminal; no answer means no."""
+    for effect in candidates:
+        if effect.name == name:
+            print(f"{name} is missing in the model. {effect.mechanism}")
     print(f"Add {name}? [y/N] ", end="", flush=True)
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
