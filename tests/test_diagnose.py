@@ -108,6 +108,7 @@ def test_a_refit_that_diverges_on_other_rows_is_not_taken():
 def test_nothing_missing_is_said_so():
     found = diagnosed("")
     assert (found.verdict, found.accepted) == ("nothing-missing", ())
+    assert found.advice.startswith("No effect needs to be added. The model is kept with --save FILE")
     assert np.array_equal(found.baseline.output, found.final.output)
 
 

@@ -21,6 +21,9 @@ SIZE_FORETOLD = (
     "how fast the output moves, as that of no sensor's noise: look for samples that are taken too early or "
     "too late, for a delay or a gain that changes from row to row, or for an input that did not act at times."
 )
+KEPT = (
+    "The model is kept with --save FILE, and judged on another record with sysid compare RECORD --model FILE."
+)
 # Of a wide tie so many are named.
 MOST_NAMED = 4
 
@@ -56,7 +59,7 @@ def _by_verdict(structure: Structure, decision: Decision, accepted: Sequence[str
             "an input that was not measured."
         )
     if decision.verdict == "nothing-missing":
-        return "Nothing is missing: what is left of the error is noise." + _loop(decision)
+        return "No effect needs to be added. " + KEPT + _loop(decision)
     if decision.verdict == "coloured-noise":
         return (
             "The disturbance has a memory but follows neither input nor output: model it as noise."
@@ -80,10 +83,7 @@ def _by_verdict(structure: Structure, decision: Decision, accepted: Sequence[str
 
 def _added(names: Sequence[str]) -> str:
     """Say that effects are in the model, and what can be done with it."""
-    return (
-        f"{all_of(names)} {'were' if len(names) > 1 else 'was'} added. The model is kept with --save FILE, "
-        "and judged on another record with sysid compare RECORD --model FILE."
-    )
+    return f"{all_of(names)} {'were' if len(names) > 1 else 'was'} added. {KEPT}"
 
 
 def _not_added(names: Sequence[str]) -> str:
