@@ -1,7 +1,7 @@
 """A search with one choice of the rows that are held out: grow a model, judge it, start otherwise."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -195,6 +195,8 @@ class Attempt:
             n_given = len(self.growth.given)
             pair = freed(self.evidence, reordered(self.evidence, found, n_given), n_given)
             pair = without_idle(self.evidence, pair, n_given)
+            if len(pair.choices) == n_given + 1 and not self._stands_alone(pair, decision, trials):
+                continue
             if not is_better_held_out(self.evidence, pair, decision.final):
                 continue
             other = self._judged_pair(decision, pair, trials)
@@ -207,6 +209,27 @@ class Attempt:
             if other.verdict != "unexplained" and not leaves_a_trace(other):
                 return other
         return decision
+
+    def _stands_alone(self, fit: StructureFit, decision: Decision, trials: tuple[Trial, ...]) -> bool:
+        """Tell whether all evidence agrees on the one effect of a pair beside which the other did nothing.
+
+        It is a single candidate like those that growing has asked, be its minimum another one.
+        """
+        evidence, n_given = self.evidence, len(self.growth.given)
+        before = decision.fits[n_given - 1] if n_given else decision.baseline
+        gain = evidence.own_criterion(before) - evidence.own_criterion(fit)
+        noise, validation = evidence.noise(fit), evidence.held_out_error(fit, WHITE)
+        return any(
+            is_accepted(
+                evidence,
+                replace(trial, fit=fit, noise=noise, gain=gain, validation=validation),
+                before,
+                decision.baseline,
+                further=False,
+            )
+            for trial in trials
+            if trial.name == fit.choices[-1].name
+        )
 
     def _judged_pair(self, decision: Decision, pair: StructureFit, trials: tuple[Trial, ...]) -> Decision:
         evidence, baseline = self.evidence, decision.baseline
