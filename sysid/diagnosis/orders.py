@@ -13,7 +13,7 @@ from sysid.diagnosis.decide.acceptance import is_better_held_out
 from sysid.diagnosis.decide.allowance import GivenUpError
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision
 from sysid.diagnosis.decide.evidence import TIED, block_separation
-from sysid.diagnosis.decide.modes import MODE
+from sysid.diagnosis.decide.modes import LAG, MODE
 from sysid.diagnosis.decide.residual_evidence import Evidence
 from sysid.diagnosis.linear.order import HIGHEST_ORDER
 from sysid.diagnosis.linear.structure import LinearStructure
@@ -131,11 +131,24 @@ class _Orders:
         short = short and decision.verdict in ("nothing-missing", "coloured-noise")
         if blind or not (short or decision.verdict == "unexplained"):
             return first
-        for order in _near(structure.order):
+        for order in dict.fromkeys(
+            (*self._asked_by_leader(structure.order, decision), *_near(structure.order))
+        ):
             found = self._named(order, spared=True)
             if found is not None and is_better_held_out(self.evidence, found[1].final, decision.final):
                 return found
         return first
+
+    def _asked_by_leader(self, order: int, decision: Decision) -> Iterator[int]:
+        """Yield the order at which the leading candidate fits best, where it is a higher one.
+
+        An order too low by more than one is left over beside the true effect, and nothing explains it.
+        """
+        leader = decision.trials[0].fit if decision.trials else None
+        if leader is not None and not LINEAR.intersection(leader.names):
+            asked = self._best_order(leader.choices, range(order + 1, HIGHEST + 1), leader, -EVEN)
+            if asked is not None:
+                yield asked
 
     def beside_effects(self, found: Decided) -> Decided:
         """Return the decision at the order that the effects that were found ask for.
@@ -150,7 +163,10 @@ class _Orders:
             return found
         highest = max(HIGHEST, min(structure.order + 2 * (MODE in final.names), HIGHEST_ORDER))
         orders = [n for n in range(1, highest + 1) if n != structure.order or choices != final.choices]
-        order = self._best_order(choices, orders, final, EVEN if MODE in final.names else 0.0)
+        lag = LAG in _matter_of_order(final.names)
+        order = self._best_order(choices, orders, final, EVEN if lag or MODE in final.names else 0.0)
+        if order is None and lag and structure.order < HIGHEST_ORDER:
+            order = structure.order + 1  # beside a wrong order effects may be at values that lead nowhere
         if order is None or order == structure.order:
             return found
         other = self._named(order)
@@ -178,17 +194,24 @@ class _Orders:
         self, choices: Sequence[Choice], orders: Sequence[int], than: StructureFit, margin: float = EVEN
     ) -> int | None:
         """Return the order at which these effects fit best by the criterion, if no worse than a fit."""
-        rows, limit, best = self.evidence.rows, self.evidence.own_criterion(than) + margin, None
+        rows, found = self.evidence.rows, {}
         for order in orders:
             structure = self.at(order)
             fit = structure.fit(choices, rows, WHITE, structure.baseline(rows), effort=Effort.FINE)
-            if fit.usable and self.evidence.own_criterion(fit) < limit:
-                best, limit = order, self.evidence.own_criterion(fit)
-        return best
+            if fit.usable and self._as_good(fit, than, margin):
+                found[order] = self.evidence.own_criterion(fit)
+        return min(found, key=lambda order: found[order], default=None)
 
-    def _as_good(self, fit: StructureFit, other: StructureFit) -> bool:
-        """Tell whether a fit is as good as another by its criterion."""
-        return self.evidence.own_criterion(fit) < self.evidence.own_criterion(other) + EVEN
+    def _as_good(self, fit: StructureFit, other: StructureFit, margin: float = EVEN) -> bool:
+        """Tell whether a fit is as good as another by its criterion.
+
+        A slow sensor is a pole of the plant that costs fewer parameters, its zero being known: where nobody
+        gave the order, a plant of a higher one that explains as much does not pay for that knowledge.
+        """
+        criteria = [self.evidence.own_criterion(each) for each in (fit, other)]
+        if LAG in _matter_of_order(other.names) and LAG not in fit.names:
+            criteria[0] -= max(fit.n_parameters - other.n_parameters, 0) * np.log(self.evidence.rows.sum())
+        return bool(criteria[0] < criteria[1] + margin)
 
 
 def _matter_of_order(names: Sequence[str]) -> frozenset[str]:
