@@ -1,6 +1,7 @@
 """Whether all evidence agrees that an effect is there, and which candidates cannot be told apart."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -72,6 +73,35 @@ def is_accepted(
     return not further or step > min(LEAST_SHARE * whole, LARGE_STEP * left) or matters
 
 
+def is_accepted_at(
+    evidence: Evidence,
+    trial: Trial,
+    fit: StructureFit,
+    current: StructureFit,
+    baseline: StructureFit,
+    further: bool,
+) -> bool:
+    """Tell whether all evidence agrees that an effect is there, by another fit than that of its trial.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    trial : Trial
+        Of any candidate of the same round.
+    fit : StructureFit
+        With the effect.
+    current, baseline : StructureFit
+        Without it, and without any.
+    further : bool
+        Whether another effect was found before.
+    """
+    gain = evidence.own_criterion(current) - evidence.own_criterion(fit)
+    noise, validation = evidence.noise(fit), evidence.held_out_error(fit, WHITE)
+    found = replace(trial, fit=fit, noise=noise, gain=gain, validation=validation)
+    found = replace(found, p_value=_chance_over_white(evidence, found, current))
+    return is_accepted(evidence, found, current, baseline, further)
+
+
 def _explains_the_rest(
     evidence: Evidence, trial: Trial, current: StructureFit, baseline: StructureFit
 ) -> bool:
@@ -84,7 +114,7 @@ def _explains_the_rest(
     assert trial.fit is not None
     if trial.noise.order > 0 or len(trial.fit.choices) > len(current.choices) + 1:
         return False
-    chance = chance_over_white(evidence, trial, current)
+    chance = _chance_over_white(evidence, trial, current)
     if chance >= LEFT_P_VALUE:  # where this candidate shows little, probes of all kinds may show more
         chance = evidence.left(baseline, current, evidence.rows)[0]
     return chance < LEFT_P_VALUE and evidence.left(baseline, trial.fit, evidence.rows)[0] >= SEEN_P_VALUE
@@ -131,7 +161,7 @@ def rests_on_few_rows(evidence: Evidence, trial: Trial, current: StructureFit) -
     return _chance(evidence, trial, current, *costs) >= evidence.alpha
 
 
-def chance_over_white(evidence: Evidence, trial: Trial, current: StructureFit) -> float:
+def _chance_over_white(evidence: Evidence, trial: Trial, current: StructureFit) -> float:
     """Return the chance that a candidate explains as much of white noise."""
     assert trial.fit is not None
     costs = (evidence.cost(fit, WHITE_NOISE) for fit in (current, trial.fit))

@@ -1,11 +1,16 @@
 """A search with one choice of the rows that are held out: grow a model, judge it, start otherwise."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.diagnosis.decide.acceptance import is_accepted, is_better_held_out, is_significant
+from sysid.diagnosis.decide.acceptance import (
+    is_accepted,
+    is_accepted_at,
+    is_better_held_out,
+    is_significant,
+)
 from sysid.diagnosis.decide.allowance import PROMISING
 from sysid.diagnosis.decide.decision import NOISE_EFFECT, Decision, Trial
 from sysid.diagnosis.decide.foresight import most_promising
@@ -215,18 +220,10 @@ class Attempt:
 
         It is a single candidate like those that growing has asked, be its minimum another one.
         """
-        evidence, n_given = self.evidence, len(self.growth.given)
-        before = decision.fits[n_given - 1] if n_given else decision.baseline
-        gain = evidence.own_criterion(before) - evidence.own_criterion(fit)
-        noise, validation = evidence.noise(fit), evidence.held_out_error(fit, WHITE)
+        n_given, baseline = len(self.growth.given), decision.baseline
+        before = decision.fits[n_given - 1] if n_given else baseline
         return any(
-            is_accepted(
-                evidence,
-                replace(trial, fit=fit, noise=noise, gain=gain, validation=validation),
-                before,
-                decision.baseline,
-                further=False,
-            )
+            is_accepted_at(self.evidence, trial, fit, before, baseline, False)
             for trial in trials
             if trial.name == fit.choices[-1].name
         )

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from sysid.diagnosis.decide.acceptance import chance_over_white, is_accepted, is_significant, tied
+from sysid.diagnosis.decide.acceptance import is_accepted, is_accepted_at, is_significant, tied
 from sysid.diagnosis.decide.allowance import REVISED
 from sysid.diagnosis.decide.decision import Trial
 from sysid.diagnosis.decide.noise_colour import WHITE_NOISE
@@ -138,7 +138,7 @@ class Growth:
             other = evidence.structure.fit(choices, evidence.rows, noise, grown, effort=Effort.REFIT)
             if not other.usable or evidence.own_criterion(other) > limit:
                 continue
-            if again or not self._holds_beside(other, grown, trial, baseline):
+            if again or not is_accepted_at(evidence, trial, grown, other, baseline, True):
                 return other
         return None
 
@@ -150,25 +150,6 @@ class Growth:
             return []
         spare = grown.choices[len(self.given) :]
         return [tuple(choice for choice in grown.choices if choice is not left_out) for left_out in spare]
-
-    def _holds_beside(
-        self, other: StructureFit, grown: StructureFit, trial: Trial, baseline: StructureFit
-    ) -> bool:
-        """Tell whether the effect that a fit has beyond another one would have been accepted beside that."""
-        evidence = self.trials.evidence
-        name, *more = set(grown.names) - set(other.names)
-        if more:  # a pair, which holds as one
-            return True
-        found = replace(
-            trial,
-            name=name,
-            fit=grown,
-            noise=evidence.noise(grown),
-            gain=evidence.own_criterion(other) - evidence.own_criterion(grown),
-            validation=evidence.held_out_error(grown, WHITE),
-        )
-        found = replace(found, p_value=chance_over_white(evidence, found, other))
-        return is_accepted(evidence, found, other, baseline, True)
 
     def _first_accepted(
         self, trials: Sequence[Trial], current: StructureFit, baseline: StructureFit, further: bool
