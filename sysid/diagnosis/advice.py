@@ -118,11 +118,19 @@ def _experiment(structure: Structure, tie: Sequence[Trial], noise: float) -> str
     if found.separation < LEAST_SEPARATION:
         return (
             f" No input within the range of this one would tell {told} ({design}: {found.separation:.2g} "
-            "standard deviations of the noise): here they do the same, unless over a wider range."
+            f"standard deviations of the noise): {_same(tie)}."
         )
     return (
         f" {design} would separate {told} best: by {found.separation:.3g} standard deviations of the noise."
     )
+
+
+def _same(tie: Sequence[Trial]) -> str:
+    """Say what it means that two candidates do the same, where the second may hold the first as a case."""
+    first, second = (trial.fit for trial in tie[:2])
+    if first is not None and second is not None and second.n_parameters > first.n_parameters:
+        return f"{tie[1].name} does the same with more parameters, and the simpler one is named"
+    return "here they do the same, unless over a wider range"
 
 
 def _tie(tie: Sequence[str]) -> str:

@@ -275,8 +275,9 @@ class ForcedPlant:
         ndarray, shape (lanes, n_samples)
             Not a number from where a run diverges on.
         """
-        from sysid.physics.forced_kernels import forced_runs, linear_runs
+        from sysid.physics.forced_kernels import forced_runs
         from sysid.physics.forced_lanes import lane_runs
+        from sysid.physics.linear_kernels import linear_runs
 
         lanes = values.shape[0]
         signal = u[np.newaxis, :, np.newaxis] if u.ndim == 1 else (u[np.newaxis] if u.ndim == 2 else u)
@@ -338,7 +339,7 @@ class ForcedPlant:
             Zero for a model without a moving body.
         """
         from sysid.physics import forced_kernels as fk
-        from sysid.physics.forced_kernels import linear_runs
+        from sysid.physics.linear_kernels import linear_runs
 
         plants, _, direct = self.coefficients(values[np.newaxis], NO_LAW[np.newaxis])
         pushed = np.zeros((1, MOST_STATES, 1))

@@ -14,6 +14,7 @@ from sysid.diagnosis.export.saved_physics import SavedPhysicalModel
 from sysid.diagnosis.export.standalone import helpers_for, map_source
 from sysid.errors import ModelError
 from sysid.physics import forced_kernels as fk
+from sysid.physics import linear_kernels
 from sysid.physics.forced import MOST_STATES, ForcedPlant
 from sysid.physics.own_laws import source_of
 
@@ -42,7 +43,7 @@ def source(saved: SavedPhysicalModel) -> str:
     start = np.zeros(MOST_STATES)
     start[: plant.order] = np.array([state.rest for state in saved.model.states])[list(plant.states_first)]
     maps = {port: _maps(saved, port) for port in ("input", "parallel", "output")}
-    names = _LINEAR if saved.exact else _FORCED
+    module, names = (linear_kernels, _LINEAR) if saved.exact else (fk, _FORCED)
     lines = [
         '"""Simulation of an identified model; NumPy is all it needs."""\n',
         "from __future__ import annotations\n",
@@ -57,7 +58,7 @@ def source(saved: SavedPhysicalModel) -> str:
         *(f"{name} = {np.asarray(getattr(fk, name)).item()!r}" for name in _NUMBERS),
         "\n",
         *helpers_for("".join(maps.values())),
-        *(_plain(name) + "\n" for name in names),
+        *(_plain(getattr(module, name)) + "\n" for name in names),
         *([] if saved.exact else [_own(saved)]),
         _SIMULATE.format(
             inner=_RUN_LINEAR if saved.exact else _RUN_FORCED, **{k: v or "" for k, v in maps.items()}
@@ -112,8 +113,7 @@ def _numbers(values: Floats) -> str:
     return repr(values.tolist()).replace("inf", "np.inf").replace("nan", "np.nan")
 
 
-def _plain(name: str) -> str:
+def _plain(kernel: Any) -> str:
     """Return the source of a kernel without its decorator."""
-    kernel: Any = getattr(fk, name)
     text = inspect.getsource(kernel.py_func)
     return text[text.index("def ") :]
