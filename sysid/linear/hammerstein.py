@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -206,27 +207,14 @@ def fit_hammerstein(
     free = initial_state == "estimate"
     constant = free if constant is None else constant
     segments = make_segments(record, rows)
+    fitted = partial(
+        fit_output_error, order=order, delay=delay, constant=constant, initial_state=initial_state, rows=rows
+    )
     with threadpool_limits(1):
-        linear = fit_output_error(
-            record,
-            order,
-            delay=delay,
-            constant=constant,
-            initial_state=initial_state,
-            rows=rows,
-            precise=False,
-        )
+        linear = fitted(record, precise=False)
         search = _Search(segments, chosen, linear.structure, linear.poles)
         thresholds, agree = search.best()
-        fit = fit_output_error(
-            mapped(record, chosen, thresholds),
-            order,
-            delay=delay,
-            constant=constant,
-            initial_state=initial_state,
-            rows=rows,
-            start=search.poles[thresholds],
-        )
+        fit = fitted(mapped(record, chosen, thresholds), start=search.poles[thresholds])
         uncertainty = _uncertainty(segments, chosen, thresholds, fit)
     agreement = (
         "searches from different parameters of the map agree in error and output"

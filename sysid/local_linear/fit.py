@@ -110,8 +110,7 @@ class LocalLinearFit:
             def run(part: slice, used: Mask, fitted: bool, o: int = o) -> Floats:
                 return self._run(record.u[part], phi[part], record.y[part], used)[:, o]
 
-            order = self.model.sizes.n_states
-            found.append(predict_experiments(record, rows, order, noise, free_start, run, output=o))
+            found.append(predict_experiments(record, rows, self.order, noise, free_start, run, output=o))
         if len(found) == 1:
             return found[0]
         return Prediction(
@@ -359,12 +358,10 @@ def _agree(problem: Problem, ends: Sequence[Minimum[At]]) -> bool:
 def _result(
     task: Search, problem: Problem, scaled: Scaled, best: Minimum[At], agree: bool, note: str
 ) -> LocalLinearFit:
-    rows = sum(int(used.sum()) for used in problem.used)
-    measured = (
-        np.concatenate([y[used] for y, used in zip(problem.y, problem.used, strict=True)]) * scaled.y_size
-    )
+    counts = [int(used.sum()) for used in problem.used]
+    rows = sum(counts)
+    measured = np.concatenate([y[used] for y, used in zip(problem.y, problem.used, strict=True)])
     residual = _residual(best.point, rows) * scaled.y_size
-    cuts = np.cumsum([int(used.sum()) for used in problem.used])[:-1]
     linear = _linear(problem)
     return LocalLinearFit(
         model=scaled.physical(LocalLinearModel.of(problem.sizes, best.x, best.point.gains())),
@@ -374,11 +371,11 @@ def _result(
         outputs=task.record.outputs,
         period=task.record.period,
         rms=np.sqrt(np.mean(residual**2, axis=0)),
-        output_std=np.std(measured, axis=0),
+        output_std=np.std(measured * scaled.y_size, axis=0),
         linear_rms=np.sqrt(np.mean((_residual(linear, rows) * scaled.y_size) ** 2, axis=0)),
         n_rows=rows,
         n_parameters=problem.n_unknowns,
-        noise=tuple(autoregression(np.split(column, cuts))[0] for column in residual.T),
+        noise=tuple(autoregression(np.split(column, np.cumsum(counts)[:-1]))[0] for column in residual.T),
         costs=best.costs,
         converged=best.status.converged,
         restarts_agree=agree,
