@@ -1,13 +1,14 @@
 """A linear plant with one static map in its loop, run and differentiated.
 
-Products and copies of rows are written out: as functions of views they would cost a third more time, and
-the first use after an installation would wait for the words of errors about shapes.
+Functions take whole arrays and a row's number, and products are written out: with views of rows they would
+cost a third more time, and the first use after an installation would wait for the words of errors about
+shapes.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid._compile import compiled
+from sysid._compile import compiled, inlined
 from sysid.nonlinearities.spline_kernels import LINEAR, clamped, local_basis
 
 Floats = NDArray[np.float64]
@@ -47,28 +48,20 @@ def run_loop(
 
     Returns whether the run stayed bounded; ``y`` and ``z`` take the output and the map's input.
     """
-    n, m, n_rows = A.shape[0], v.shape[1], v.shape[0]
+    n, n_rows = A.shape[0], v.shape[0]
     full = clamped(knots, degree)
     basis, slopes = np.empty(degree + 1), np.empty(degree + 1)
     state, following = start.copy(), np.empty(n)
     waiting = np.zeros(lag + 1)
     before = 0.0
     for k in range(n_rows):
-        value = 0.0
-        for j in range(n):
-            value += C[j] * state[j]
-        for j in range(m):
-            value += D[j] * v[k, j]
+        value = _combined(C, D, state, v, k)
         if not abs(value) < limit:
             return False
         if mode == KNOWN:
             z[k] = known[k]
         elif mode == STATE:
-            z[k] = 0.0
-            for j in range(n):
-                z[k] += H[j] * state[j]
-            for j in range(m):
-                z[k] += K[j] * v[k, j]
+            z[k] = _combined(H, K, state, v, k)
         elif mode == RATE:
             z[k] = (value - before) * rate if k > 0 else 0.0
         else:
@@ -87,15 +80,7 @@ def run_loop(
                 waiting[j] = s
         waiting[k % (lag + 1)] = s
         s = waiting[(k + 1) % (lag + 1)]
-        for i in range(n):
-            value = E[i] * s
-            for j in range(n):
-                value += A[i, j] * state[j]
-            for j in range(m):
-                value += B[i, j] * v[k, j]
-            following[i] = value
-        for i in range(n):
-            state[i] = following[i]
+        _advance(A, B, E, v, k, s, state, following)
     return True
 
 
@@ -133,7 +118,7 @@ def differentiate_loop(
 
     The columns belong to the plant's parameters, the map's coefficients and the initial state.
     """
-    n, m, n_rows = A.shape[0], v.shape[1], v.shape[0]
+    n, n_rows = A.shape[0], v.shape[0]
     n_plant, n_map = dA.shape[0], coefficients.shape[0]
     width = n_plant + n_map + n
     full = clamped(knots, degree)
@@ -148,20 +133,13 @@ def differentiate_loop(
     before, before_moved = 0.0, np.zeros(width)
     out, fed, force = np.empty(width), np.zeros(width), np.empty(width)
     for k in range(n_rows):
-        value = 0.0
-        for j in range(n):
-            value += C[j] * state[j]
-        for j in range(m):
-            value += D[j] * v[k, j]
+        value = _combined(C, D, state, v, k)
         _sensed(C, dC, dD, moved, state, v[k], out)
         sensed = 0.0
         if mode == KNOWN:
             sensed = known[k]
         elif mode == STATE:
-            for j in range(n):
-                sensed += H[j] * state[j]
-            for j in range(m):
-                sensed += K[j] * v[k, j]
+            sensed = _combined(H, K, state, v, k)
             _sensed(H, dH, dK, moved, state, v[k], fed)
         elif mode == RATE:
             per_row = rate if k > 0 else 0.0
@@ -218,15 +196,34 @@ def differentiate_loop(
         for i in range(n):
             for q in range(width):
                 moved[i, q] = moved_on[i, q]
-        for i in range(n):
-            value = E[i] * s
-            for j in range(n):
-                value += A[i, j] * state[j]
-            for j in range(m):
-                value += B[i, j] * v[k, j]
-            following[i] = value
-        for i in range(n):
-            state[i] = following[i]
+        _advance(A, B, E, v, k, s, state, following)
+
+
+@inlined
+def _combined(by_state: Floats, by_input: Floats, state: Floats, v: Floats, k: int) -> float:
+    """Return a combination of the states and of the inputs of row k."""
+    value = 0.0
+    for j in range(by_state.shape[0]):
+        value += by_state[j] * state[j]
+    for j in range(by_input.shape[0]):
+        value += by_input[j] * v[k, j]
+    return value
+
+
+@inlined
+def _advance(
+    A: Floats, B: Floats, E: Floats, v: Floats, k: int, s: float, state: Floats, following: Floats
+) -> None:
+    """Move the state on by a row: A x + B v + E s; ``following`` is room to work in."""
+    for i in range(state.shape[0]):
+        value = E[i] * s
+        for j in range(state.shape[0]):
+            value += A[i, j] * state[j]
+        for j in range(v.shape[1]):
+            value += B[i, j] * v[k, j]
+        following[i] = value
+    for i in range(state.shape[0]):
+        state[i] = following[i]
 
 
 @compiled
