@@ -23,8 +23,8 @@ def opening(noise: Floats) -> Floats:
     Returns
     -------
     ndarray, shape (order, order)
-        Row j makes row j of a run from rows 0 to j.  Zero where D(q) is not stationary: there a row without a
-        past says nothing.
+        Row j makes row j of a run from rows 0 to j.  Where D(q) is not stationary, the rows for which its
+        predictors of lower order are none are zero: without a past they say nothing.
 
     References
     ----------
