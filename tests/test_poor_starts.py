@@ -13,6 +13,7 @@ from sysid.diagnosis.decide.trials import Trials
 from sysid.diagnosis.effects import find_effects
 from sysid.diagnosis.linear.structure import LinearStructure
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort
+from sysid.diagnosis.structures.work import Work
 from sysid.progress import Progress
 
 
@@ -23,24 +24,35 @@ def limited(rng, n=900):
     return u, y + 0.03 * y.std() * rng.standard_normal(n)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_an_effect_that_led_another_into_the_place_of_the_first_must_hold_beside_it(seed):
+def better_with_fewer(seed, current, grown, allowance):
+    """Return the fit that takes the place of one with the ``current`` effects, of a record behind a limit."""
     structure = LinearStructure(make_record(*limited(np.random.default_rng(seed)), 1.0), 1)
     record = structure.record
     evidence = Evidence(structure, record.estimation, record.validation, 0.01)
-    first, limit, drift = find_effects(["in_preload", "in_saturation", "out_drift"])
-    trials = Trials(evidence, (first, limit, drift), 0, 1, Progress(), Allowance())
+    candidates = find_effects(["in_preload", "in_saturation", "out_drift"])
+    trials = Trials(evidence, candidates, 0, 1, Progress(), allowance)
     baseline = structure.baseline(evidence.rows)
     trial = trials.beside(baseline, False)[0]
 
-    def fitted(*effects):
-        choices = [Choice(effect, effect.found_by[0]) for effect in effects]
+    def fitted(names):
+        choices = [Choice(effect, effect.found_by[0]) for effect in find_effects(names)]
         return structure.fit(choices, evidence.rows, WHITE, baseline, effort=Effort.FINE)
 
-    growth = Growth(trials, (), 3)
-    better = growth._better_with_fewer(fitted(first), fitted(limit, drift), trial, baseline)
+    return Growth(trials, (), 3)._better_with_fewer(fitted(current), fitted(grown), trial, baseline)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_an_effect_that_led_another_into_the_place_of_the_first_must_hold_beside_it(seed):
+    better = better_with_fewer(seed, ["in_preload"], ["in_saturation", "out_drift"], Allowance())
     assert better is not None
     assert better.names == ("in_saturation",)
+
+
+def test_a_search_without_work_left_is_not_cut_short_where_nothing_is_asked_again():
+    allowance = Allowance(Work(given=100_000.0))
+    allowance.work.note("all that went before", 260_000)  # no other look may begin
+    assert better_with_fewer(1, ["in_saturation"], ["in_saturation", "out_drift"], allowance) is None
+    assert not allowance.ended
 
 
 def with_a_constant():

@@ -133,11 +133,11 @@ class Growth:
         evidence = self.trials.evidence
         noise, limit = evidence.noise(current).polynomial, evidence.own_criterion(current) - ANOTHER
         grew = set(current.names) < set(grown.names)
-        again = grew and self.trials.allowance.permits(REVISED)
         for choices in self._fewer(grown, current, grew):
             other = evidence.structure.fit(choices, evidence.rows, noise, grown, effort=Effort.REFIT)
             if not other.usable or evidence.own_criterion(other) > limit:
                 continue
+            again = grew and self.trials.allowance.permits(REVISED)
             if again or not is_accepted_at(evidence, trial, grown, other, baseline, True):
                 return other
         return None
