@@ -128,3 +128,18 @@ def test_a_relay_with_play_that_never_rests_is_a_hysteresis_that_nobody_listed(w
     )
     assert found.verdict == verdict
     assert ("something else than its name says" in found.advice) == (verdict == "unexplained")
+
+
+def test_a_relay_without_a_threshold_turns_at_what_a_sine_leaves_of_zero():
+    """A sine is 1e-16 where it should be zero: a threshold that cannot be less makes a steep jump lead."""
+    k = np.arange(N)
+    u = 1.5 * np.sin(np.pi * (k % 250) ** 2 / 1500.0) + 1e-16
+    y = first_order(np.sign(u), 5)
+    found = sysid.diagnose(
+        make_record(u, y, period=1.0),
+        order=1,
+        initial_state="rest",
+        effects=["in_saturation", "in_deadzone", "in_preload", "in_relay"],
+    )
+    assert found.verdict == "missing-effect"
+    assert found.accepted == ("in_relay",)

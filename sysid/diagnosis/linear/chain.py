@@ -19,7 +19,7 @@ from sysid.diagnosis.linear.kernels import (
 from sysid.diagnosis.linear.rows import Data
 from sysid.diagnosis.linear.tangents import tangent, tangent_driven, tangent_through
 from sysid.diagnosis.structures.structure import Choice
-from sysid.diagnosis.structures.thresholds import followed_smoothly
+from sysid.diagnosis.structures.thresholds import followed_smoothly, is_switched_by_input
 from sysid.diagnosis.structures.whitening import opening
 from sysid.diagnosis.structures.work import Steps
 
@@ -142,11 +142,20 @@ class Chain:
         return self.layout(data).size
 
     def bounds(self, data: Data) -> tuple[Floats, Floats]:
-        """Return lower and upper bounds of a point."""
+        """Return lower and upper bounds of a point.
+
+        No difference is taken by what a switch of the input does, whose threshold may be zero: an input that
+        a sine left at 1e-16 is one side of it.
+        """
         if data not in self._bounds:
             free = np.full(self.n_linear(data), np.inf)
             parameters = [p for c in self.choices for p in c.form.parameters]
-            lower = np.concatenate([-free, [data.least(p) for p in parameters]])
+            least = [
+                p.minimum if is_switched_by_input(self.choices, i) else data.least(p)
+                for i, c in enumerate(self.choices)
+                for p in c.form.parameters
+            ]
+            lower = np.concatenate([-free, least])
             self._bounds[data] = lower, np.concatenate([free, [p.maximum for p in parameters]])
         return self._bounds[data]
 
