@@ -143,3 +143,18 @@ def test_a_relay_without_a_threshold_turns_at_what_a_sine_leaves_of_zero():
     )
     assert found.verdict == "missing-effect"
     assert found.accepted == ("in_relay",)
+
+
+def test_a_relay_is_named_where_its_equal_leads_by_chance_and_is_only_a_relay():
+    """Of five levels a relay leaves three: a jump beside which the slope is lost does as well."""
+    leads = 0
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        u = np.repeat(rng.choice([-1.0, -0.5, 0.0, 0.5, 1.0], N // 5), 5)
+        effects = ["in_saturation", "in_deadzone", "in_preload", "in_relay"]
+        record = make_record(u, first_order(np.sign(u), 10 + seed), period=1.0)
+        found = sysid.diagnose(record, order=1, initial_state="rest", effects=effects)
+        assert found.accepted == ("in_relay",)
+        gains = {candidate.name: candidate.gain for candidate in found.decision.trials}
+        leads += gains["in_preload"] > gains["in_relay"]
+    assert leads > 0

@@ -18,6 +18,7 @@ from sysid.diagnosis.decide.revision import (
     still_tied,
 )
 from sysid.diagnosis.decide.rungs import rungs_to
+from sysid.diagnosis.decide.stand_ins import stand_in
 from sysid.diagnosis.decide.trials import POLISHED, Trials
 from sysid.diagnosis.effects.base import Effect
 from sysid.diagnosis.structures.structure import WHITE, Choice, Effort, StructureFit
@@ -92,6 +93,8 @@ class Growth:
             if best is None or best.fit is None:
                 break
             chosen = self._first_accepted(found, current, baseline, further)
+            if chosen is not None and not further:
+                chosen = self._in_its_own_right(chosen, found, current, baseline)
             if chosen is not None and chosen.fit is not None:
                 grown = chosen.fit
                 found = (chosen, *(trial for trial in found if trial is not chosen))
@@ -164,6 +167,29 @@ class Growth:
             if trial.fit is not None and leads and is_accepted(evidence, trial, current, baseline, further):
                 return trial
         return None
+
+    def _in_its_own_right(
+        self, chosen: Trial, trials: Sequence[Trial], current: StructureFit, baseline: StructureFit
+    ) -> Trial:
+        """Return the candidate itself, or its equal if it but stands in for something else.
+
+        A law at an end of its parameters, where it is another one, explains as much as that one does, and
+        may lead by chance: of the two the other is the name.
+        """
+        evidence = self.trials.evidence
+        if evidence.smooth or not self._stands_in(chosen):
+            return chosen
+        equals = tied(evidence, (chosen, *(trial for trial in trials if trial is not chosen)))[1:]
+        for trial in equals:
+            if is_accepted(evidence, trial, current, baseline, False) and not self._stands_in(trial):
+                return trial
+        return chosen
+
+    def _stands_in(self, trial: Trial) -> bool:
+        """Tell whether the fit of a first effect stands in for something else."""
+        assert trial.fit is not None
+        evidence = self.trials.evidence
+        return stand_in(evidence, trial.fit, False, evidence.noise_accepted(trial.fit, trial.noise))
 
     def _with_another(
         self, best: Trial, current: StructureFit, baseline: StructureFit, n_before: int
