@@ -106,9 +106,10 @@ class Growth:
                 grown = pair
             ties[found[0].name] = tied(evidence, found)
             if len(grown.choices) > n_given + 1:
-                if self.trials.allowance.permits(REVISED):
+                revised = self.trials.allowance.permits(REVISED)
+                if revised:
                     grown = exchanged(self.trials, grown, n_kept)
-                    grown = among_its_kind(self.trials, grown, n_kept)
+                grown = among_its_kind(self.trials, grown, n_kept, simpler=not revised)
                 grown = simplified(evidence, pruned(evidence, grown, n_kept), n_kept)
             grown = freed(evidence, reordered(evidence, grown, n_kept), n_kept)
             grown = evidence.settled(grown)

@@ -50,11 +50,12 @@ def exchanged(trials: Trials, fit: StructureFit, n_given: int) -> StructureFit:
     return fit
 
 
-def among_its_kind(trials: Trials, fit: StructureFit, n_given: int) -> StructureFit:
+def among_its_kind(trials: Trials, fit: StructureFit, n_given: int, *, simpler: bool = False) -> StructureFit:
     """Try others of its kind in the place of each force and each switch, all else as it stands.
 
     The first was chosen without the others, and may be more than is missing.  Without any of its kind the
     plant is lost, so that no search from there comes back, nor does a screen there tell what to search.
+    Where little work is left, only the ``simpler`` ones are tried, those with fewer parameters.
     """
     evidence = trials.evidence
     for position in range(n_given, len(fit.choices)):
@@ -63,6 +64,8 @@ def among_its_kind(trials: Trials, fit: StructureFit, n_given: int) -> Structure
             if effect.name in fit.names or not _of_one_kind(effect, choice.effect):
                 continue
             for form in effect.found_by:
+                if simpler and len(form.parameters) >= len(choice.form.parameters):
+                    continue
                 choices = list(fit.choices)
                 choices[position] = Choice(effect, form)
                 fit = _better_from(evidence, fit, choices, (Effort.REFIT, Effort.COARSE))
